@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from analysis.arrays import Bools, Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -30,14 +29,14 @@ class SimulatedAnswers:
 
     given: NDArray[Any]
     cells: pd.DataFrame
-    times: NDArray[np.float64] | None = None
+    times: Floats | None = None
 
     @cached_property
     def counts(self) -> Floats:
         """Sums over repeats (studies, participants, cells)."""
         return np.asarray(self.given.sum(axis=0, dtype=np.float64))
 
-    def grid(self, chosen: Mask, *, by_scene: bool) -> tuple[Floats, Floats]:
+    def grid(self, chosen: Bools, *, by_scene: bool) -> tuple[Floats, Floats]:
         """Return sums (studies, participants, scenes) over chosen cells, and trials (scenes,).
 
         All scenes are one unless `by_scene`.
@@ -86,8 +85,8 @@ def _by_row(values: NDArray[Any]) -> NDArray[Any]:
 def crossed_effects(
     rng: np.random.Generator,
     units: tuple[int, int],
-    whole: Sequence[int] | NDArray[np.int64],
-    own: NDArray[np.int64],
+    whole: Sequence[int] | Ints,
+    own: Ints,
     common: float,
 ) -> NDArray[np.float32]:
     """Draw standard normal effects (*units, cells), such as of participants or of scenes.
@@ -103,7 +102,7 @@ def crossed_effects(
     return found
 
 
-def codes_of(*columns: Any) -> NDArray[np.int64]:
+def codes_of(*columns: Any) -> Ints:
     """Return the number of each row's combination of values."""
     codes = np.zeros(len(columns[0]), dtype=np.int64)
     for column in columns:

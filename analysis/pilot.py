@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from analysis.answers import codes_of
+from analysis.arrays import Bools, Floats, Ints
 from analysis.models.compared_methods import as_numbers
 from analysis.models.contrasts import IN_CONDITION
 from analysis.models.curves.response import LOGIT, ResponseFunction
@@ -22,8 +22,6 @@ from analysis.plans.rate_plan import RatePlan, prepared
 from analysis.plans.rating_plan import RatingPlan
 from protocols.errors import StudyError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Found = tuple[dict[str, float], tuple[str, ...]]
 """Deviations by name of the assumption, and notes."""
 
@@ -276,7 +274,7 @@ def _in_d_prime(
     return float(np.diff(np.interp(near, share(d_prime), d_prime))[0] / np.diff(etas)[0])
 
 
-def _undecided(cell: Ints, y: Floats) -> NDArray[np.bool_]:
+def _undecided(cell: Ints, y: Floats) -> Bools:
     """Say of each trial whether answers in its cell differ: else it has no finite mean."""
     share = np.bincount(cell, weights=y) / np.maximum(np.bincount(cell), 1)
     return np.asarray((share[cell] > 0.0) & (share[cell] < 1.0))

@@ -10,9 +10,9 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 
 from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
+from analysis.arrays import Bools, Floats
 from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, computed
 from analysis.parts.added import with_added
 from analysis.plots import power_plot
@@ -22,7 +22,6 @@ from analysis.showable import FamilyOfTests, two_scenes
 from protocols.errors import StudyError
 from protocols.prose import count_of
 
-Floats = NDArray[np.float64]
 Counted = Callable[[int, int], None]
 S = TypeVar("S", bound=AnalysisPlan)
 
@@ -311,8 +310,8 @@ def power(
     if min(people) < 2:
         raise ValueError(f"participants must be at least 2 (got {min(people)})")
     count = studies or (BY_TABLE if tables else simulation.studies)
-    yes: dict[str, list[NDArray[np.bool_]]] = {}
-    no: dict[str, list[NDArray[np.bool_]]] = {}
+    yes: dict[str, list[Bools]] = {}
+    no: dict[str, list[Bools]] = {}
     for batch in _batches(simulation, count, progress):
         true = _tests(simulation, taken, batch, people, rng, tables)
         null = _tests(deciding, nothing, batch, people, rng, tables)
@@ -555,7 +554,7 @@ def _has(part: AnyPart, method: str) -> bool:
 
 
 def _legend(
-    simulation: PowerSimulation[Any], found: Mapping[str, NDArray[np.bool_]], people: Sequence[int]
+    simulation: PowerSimulation[Any], found: Mapping[str, Bools], people: Sequence[int]
 ) -> str:
     """Return the meaning of the table's columns."""
     primary = "primary" in found

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import expit, ndtr, ndtri
 
 from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
+from analysis.arrays import Floats
 from analysis.models.compared_methods import as_numbers
 from analysis.models.psychometric import sigmoid
 from analysis.parts import AnyPart
@@ -31,7 +32,6 @@ from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.study_file.schema import StudyProtocol
 
-Floats = NDArray[np.float64]
 C = TypeVar("C", bound=RatePlan | RatingPlan)
 
 INTERACTION = "interaction"

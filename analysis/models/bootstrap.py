@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
+from analysis.arrays import Floats, Ints
 from analysis.models.clustered import holm, least_p
-from analysis.models.paired.paired_counts import Floats, Model, fit_scores, pair_index
+from analysis.models.paired.paired_counts import Model, fit_scores, pair_index
 from protocols.prose import count_of
 
 FEW_CLUSTERS = 5
@@ -80,14 +81,12 @@ def bootstrap_scores(
     return drawn_scores(wins, people, np.broadcast_to(places, (samples, wins.shape[1])), model)
 
 
-def draws(count: int, samples: int, rng: np.random.Generator) -> NDArray[np.int64]:
+def draws(count: int, samples: int, rng: np.random.Generator) -> Ints:
     """Return counts of how often each of so many is drawn with replacement (samples, count)."""
     return rng.multinomial(count, np.full(count, 1 / count), samples)
 
 
-def drawn_scores(
-    wins: Floats, people: NDArray[np.int64], scenes: NDArray[np.int64], model: Model = "thurstone"
-) -> Floats:
+def drawn_scores(wins: Floats, people: Ints, scenes: Ints, model: Model = "thurstone") -> Floats:
     """Fit each draw: how often (samples, participants) and (samples, scenes) were drawn."""
     participants, scene_count, count, _ = wins.shape
     first, second = pair_index(count)

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats, Ints
 from analysis.models.contrasts import IN_CONDITION
-
-Floats = NDArray[np.float64]
 
 ONE_SCENE = "all"
 
@@ -24,11 +22,11 @@ class TrialGrid:
 
     participants: tuple[str, ...]
     scenes: tuple[str, ...]
-    person: NDArray[np.int64]
-    scene: NDArray[np.int64]
+    person: Ints
+    scene: Ints
 
     @property
-    def several(self) -> dict[str, NDArray[np.int64]]:
+    def several(self) -> dict[str, Ints]:
         """Codes (trials,) of participants, and of scenes where there are several."""
         found = {"participant": self.person}
         return found | ({"scene": self.scene} if len(self.scenes) > 1 else {})
@@ -38,7 +36,7 @@ class TrialGrid:
         """Names of what the codes of `several` stand for."""
         return {"participant": self.participants, "scene": self.scenes}
 
-    def in_conditions(self, condition: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
+    def in_conditions(self, condition: Ints) -> dict[str, Ints]:
         """Return codes (trials,) of `several` in a condition, unless each has one trial there."""
         count = int(condition.max()) + 1
         found = {name: code * count + condition for name, code in self.several.items()}
@@ -81,7 +79,7 @@ def conditions(trials: pd.DataFrame, by: Sequence[str]) -> list[tuple[str, pd.Da
 
 def numbered(
     trials: pd.DataFrame, by: Sequence[str]
-) -> tuple[list[tuple[str, pd.DataFrame]], NDArray[np.int64]]:
+) -> tuple[list[tuple[str, pd.DataFrame]], Ints]:
     """Return the conditions of a checked table, and of each row which it is of."""
     parts = conditions(trials, by)
     number = np.zeros(len(trials), dtype=np.int64)

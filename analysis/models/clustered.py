@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
+from analysis.arrays import Bools, Floats
 from analysis.models.tails import two_sided_p, two_sided_quantile
 from protocols.prose import count_of
-
-Floats = NDArray[np.float64]
 
 EXACT_FLIPS = 16
 """Up to this many participants every sign pattern is enumerated."""
@@ -134,7 +133,7 @@ class ClusteredShare:
         above = np.where(self.share < high, half_high, 1.0 - half_high)
         return np.asarray(np.where(self._unanimous(), 1.0, np.maximum(below, above)))
 
-    def _unanimous(self) -> NDArray[np.bool_]:
+    def _unanimous(self) -> Bools:
         return np.asarray((self.share == 0.0) | (self.share == 1.0))
 
     def _size(self) -> Floats:

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from analysis.arrays import Floats, Ints
 
 ALL_SIZES = "all"
 """Sizes taken together."""
@@ -56,7 +55,7 @@ class Comparisons:
         return self.decisions.take(found)
 
 
-def _positions(codes: NDArray[np.int64]) -> dict[int, NDArray[np.int64]]:
+def _positions(codes: Ints) -> dict[int, Ints]:
     """Return the indices at which each code occurs, in order."""
     order = np.argsort(codes, kind="stable")
     found, start = np.unique(codes[order], return_index=True)
@@ -88,7 +87,7 @@ def cell_counts(
     return chosen.reshape(shape), shown.reshape(shape), people, scenes
 
 
-def numbered(column: pd.Series) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+def numbered(column: pd.Series) -> tuple[Ints, tuple[str, ...]]:
     """Return the number of each row's name, and the names that occur, in sorted order."""
     if isinstance(column.dtype, pd.CategoricalDtype):
         codes, names = column.cat.codes.to_numpy(dtype=np.int64), column.cat.categories

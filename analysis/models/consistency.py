@@ -6,11 +6,9 @@ from itertools import combinations, permutations
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.tails import chi_squared_p
-
-Floats = NDArray[np.float64]
 
 ENUMERATED_CONDITIONS = 7
 

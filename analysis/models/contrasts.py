@@ -6,15 +6,13 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats, Ints
 from analysis.models.clustered import held_p, holm, two_way_df, weighted_df
 from analysis.models.tails import two_sided_p, two_sided_quantile
 from protocols.errors import StudyError
 from protocols.limits import FIXED
 
-Floats = NDArray[np.float64]
-Codes = NDArray[np.int64]
 Pair = tuple[str, str]
 MOST_CONDITIONS = FIXED["conditions"].most
 
@@ -111,9 +109,7 @@ class Crossed:
     sd: Mapping[str, float]
 
     @classmethod
-    def of(
-        cls, condition: Codes, groups: Mapping[str, Codes], sd: Mapping[str, float]
-    ) -> "Crossed":
+    def of(cls, condition: Ints, groups: Mapping[str, Ints], sd: Mapping[str, float]) -> "Crossed":
         """Count trials; codes (trials,) from 0."""
         shares = {}
         for name, code in groups.items():
@@ -154,8 +150,8 @@ class Effect:
     """
 
     scene: bool
-    group: Codes
-    level: Codes
+    group: Ints
+    level: Ints
     times: Floats | None
     sd: float
 

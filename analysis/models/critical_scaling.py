@@ -7,9 +7,9 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 from scipy.special import expit, log_expit, logsumexp, ndtri
 
+from analysis.arrays import Floats
 from analysis.models.cells import checked, conditions, grid
 from analysis.models.contrasts import Difference, paired, pairs_of
 from analysis.models.curves.response import RATE_PRIOR
@@ -18,7 +18,6 @@ from analysis.models.numeric import numeric_hessian
 from analysis.models.tails import chi_squared_quantile, two_sided_quantile
 from protocols.prose import count_of
 
-Floats = NDArray[np.float64]
 Law = Literal["distance", "published"]
 
 STEP_SCALING, STEP_GAIN = 0.06, 0.2

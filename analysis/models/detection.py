@@ -6,9 +6,9 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from analysis.arrays import Floats
 from analysis.models.cells import TrialGrid, checked, conditions, grid
 from analysis.models.clustered import held_p
 from analysis.models.contrasts import Difference
@@ -28,8 +28,6 @@ from analysis.models.right_answers import (
     share_influence,
 )
 from analysis.models.tails import two_sided_p, two_sided_quantile
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

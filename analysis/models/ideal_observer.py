@@ -9,10 +9,10 @@ from typing import Literal, get_args
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-Floats = NDArray[np.float64]
+from analysis.arrays import Floats
+
 AbxRule = Literal["differencing", "independent", "dual-pair"]
 Correction = Literal["log-linear", "none"]
 

@@ -8,8 +8,8 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats, Ints
 from analysis.models.contrasts import Effect, between_df
 from analysis.models.curves.response import LOGIT, PROBIT, ResponseFunction
 from analysis.models.mixed.deviations import Deviation
@@ -31,7 +31,6 @@ from analysis.models.mixed.logit import (
 )
 from analysis.models.tails import two_sided_p, two_sided_quantile
 
-Floats = NDArray[np.float64]
 FEW_CLUSTERS = 10
 
 GROUPS = ("participant", "scene")
@@ -435,7 +434,7 @@ def _mixed(
 def _ratio_p(
     model: FormulaDesign,
     place: int,
-    codes: Sequence[NDArray[np.int64]],
+    codes: Sequence[Ints],
     times: Sequence[Floats | None],
     solution: CrossedFit,
     df: float | None,

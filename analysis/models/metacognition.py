@@ -11,14 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from analysis.arrays import Floats, Ints
 from analysis.models.detection import Measure
 from analysis.models.tails import two_sided_p, two_sided_quantile
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MOST_STEPS = 11
 """More different values are no steps of a scale, but a slider."""
@@ -135,7 +132,7 @@ def roc_points(graded: Floats) -> tuple[tuple[float, float], ...]:
     return tuple(points)
 
 
-def graded_counts(signal: Floats, chose_signal: Floats, step: Integers, steps: int) -> Floats:
+def graded_counts(signal: Floats, chose_signal: Floats, step: Ints, steps: int) -> Floats:
     """Return counts (2, 2 x steps) of trials (0/1, 0/1, and the step from 0)."""
     place = np.where(chose_signal > 0.5, steps + step, steps - 1 - step)
     counts = np.zeros((2, 2 * steps))

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.arrays import Floats
 from analysis.models.paired.paired_counts import (
     JOD_SIGMA,
-    Floats,
     Model,
     fit_scores,
     log_probability,

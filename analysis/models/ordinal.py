@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 from scipy.special import expit, ndtr, ndtri
 
+from analysis.arrays import Floats, Ints
 from analysis.models.cells import checked, grid, numbered
 from analysis.models.contrasts import (
     IN_CONDITION,
@@ -33,8 +33,6 @@ from analysis.models.right_answers import FEW_PARTICIPANTS
 from analysis.models.tails import chi_squared_p, two_sided_quantile
 from protocols.tasks.rates import name_of
 
-Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
 OrdinalLink = Literal["probit", "logit"]
 
 START_SD = 0.5
@@ -62,7 +60,7 @@ class RandomFactor:
         Left out: 1.
     """
 
-    level: Whole
+    level: Ints
     times: Floats | None = None
 
     def drawn(self, sd: float, rng: np.random.Generator) -> Floats:
@@ -189,7 +187,7 @@ class OrderedLaw:
     concave = True
     plain = False
 
-    def of(self, _trials: Whole) -> "OrderedLaw":
+    def of(self, _trials: Ints) -> "OrderedLaw":
         """Return the law of some trials: the same."""
         return self
 
@@ -222,7 +220,7 @@ class OrderedLaw:
 
 def fit_cumulative(
     design: Floats,
-    y: Whole,
+    y: Ints,
     effects: Mapping[str, RandomFactor],
     *,
     link: OrdinalLink = "probit",
@@ -471,10 +469,10 @@ class _Trials:
     """
 
     conditions: Floats
-    y: Whole
+    y: Ints
     effects: Mapping[str, RandomFactor]
     link: OrdinalLink
-    given: Mapping[str, Whole]
+    given: Mapping[str, Ints]
     scale: Sequence[str]
 
     def fit(self, levels: Mapping[str, Sequence[str]], inference: Inference) -> CumulativeFit:
@@ -643,12 +641,12 @@ def _answers(
     return np.log(share), slope, np.maximum(bend, 0.0)
 
 
-def _indicator(code: Whole, count: int | None = None) -> Floats:
+def _indicator(code: Ints, count: int | None = None) -> Floats:
     size = int(code.max()) + 1 if count is None else count
     return np.asarray(code[:, None] == np.arange(size), dtype=np.float64)
 
 
-def _codes(texts: pd.Series, used: Sequence[str]) -> Whole:
+def _codes(texts: pd.Series, used: Sequence[str]) -> Ints:
     place = {name: k for k, name in enumerate(used)}
     return np.array([place[text] for text in texts], dtype=np.int64)
 
@@ -677,7 +675,7 @@ def _notes(fit: CumulativeFit, people: int, unused: Sequence[str]) -> list[str]:
     return notes
 
 
-def _misfit(trials: _Trials, condition: Whole) -> list[str]:
+def _misfit(trials: _Trials, condition: Ints) -> list[str]:
     """Return a note where conditions differ by more than a shift: own thresholds fit far better."""
     plain = fit_cumulative(trials.conditions[:, 1:], trials.y, {}, link=trials.link)
     table = np.zeros((int(condition.max()) + 1, int(trials.y.max()) + 1))

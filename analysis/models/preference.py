@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from analysis.arrays import Floats
 from analysis.models.bayes_factor import binomial_bayes_factor, t_bayes_factor
 from analysis.models.clustered import (
     FEW_SCENES,
@@ -23,7 +23,6 @@ from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts, fou
 from analysis.showable import two_scenes
 from protocols.prose import count_of
 
-Floats = NDArray[np.float64]
 Test = Literal["participant-scene", "participant", "pooled"]
 Correction = Literal["holm", "none"]
 Verdict = Literal["preferred", "rejected", "equivalent", "undecided"]

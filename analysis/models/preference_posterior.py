@@ -9,14 +9,13 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import expit
 
+from analysis.arrays import Floats
 from analysis.models.compared_methods import counts, pairing_rows
 from protocols.errors import StudyError
 from protocols.prose import count_of
 
-Floats = NDArray[np.float64]
 Verdict = Literal["preferred", "other preferred", "practically equal", "undecided"]
 
 CHAINS = 4

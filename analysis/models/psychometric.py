@@ -7,15 +7,13 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.curves.response import Link, ResponseFunction, axis_of
 from analysis.models.tails import chi_squared_p, chi_squared_quantile
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
 from protocols.adaptive.psychometric_function import sigmoid as broadcast_sigmoid
-
-Floats = NDArray[np.float64]
 
 LINKS: Mapping[Shape, Link] = {
     "gauss": "probit",

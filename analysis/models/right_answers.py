@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.cells import TrialGrid, checked, conditions, grid
 from analysis.models.clustered import (
     ClusteredEstimate,
@@ -19,8 +19,6 @@ from analysis.models.clustered import (
 from analysis.models.contrasts import Difference, pairs_of
 from analysis.showable import two_scenes
 from protocols.prose import count_of
-
-Floats = NDArray[np.float64]
 
 FEW_PARTICIPANTS = 6
 

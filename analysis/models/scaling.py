@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.paired.paired_counts import (
     PSEUDO_VOTES,
-    Floats,
     Model,
     components,
     difference_design,
@@ -227,6 +226,6 @@ def centred(parameters: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     return centre @ free, centre @ whole @ centre.T
 
 
-def _xlogy(count: Floats, share: Floats) -> NDArray[np.float64]:
+def _xlogy(count: Floats, share: Floats) -> Floats:
     safe = np.where(count > 0, share, 1.0)
     return np.asarray(count * np.log(safe))

@@ -5,16 +5,14 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.bootstrap import difference_limits, drawn_scores, draws
 from analysis.models.cells import TrialGrid
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
 from analysis.models.right_answers import Influence, contrasts, share_influence
 from analysis.models.scaling import scale
-
-Floats = NDArray[np.float64]
 
 LEAST_DRAWS = 20
 

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, stdtrit
 
+from analysis.arrays import Floats
 from analysis.models.bayes_factor import t_bayes_factor
 from analysis.models.tails import two_sided_p
 from protocols.study_file.sequential import Sequential, SequentialRule
-
-Floats = NDArray[np.float64]
 
 NODES = 400
 """Points of the integration between two bounds."""

@@ -4,13 +4,11 @@ The numbers are those of `scipy.stats`, which takes most of a second to import; 
 which it has them from, takes little.
 """
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import chdtrc, gammaincinv, stdtr, stdtrit
 
-Floats: TypeAlias = NDArray[np.float64]
+from analysis.arrays import Floats
 
 
 def two_sided_quantile(level: float, df: ArrayLike = np.inf) -> Floats:

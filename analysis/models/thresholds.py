@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 from scipy.special import logit
 
+from analysis.arrays import Floats, Ints
 from analysis.models.cells import checked, grid, numbered
 from analysis.models.contrasts import IN_CONDITION, Crossed, Difference, pairs_of
 from analysis.models.curves.population import Population, Threshold, span
@@ -18,10 +18,6 @@ from analysis.models.mixed.glmm import fit_crossed
 from analysis.models.psychometric import TWO_ALTERNATIVES, CurveForm
 from protocols.adaptive.answer_history import Shape
 from protocols.prose import count_of
-
-Floats = NDArray[np.float64]
-
-Codes = NDArray[np.int64]
 
 FEW_PARTICIPANTS = 5
 
@@ -250,7 +246,7 @@ def _pooled(design: Floats, y: Floats, response: ResponseFunction) -> Floats:
     return np.asarray(min(found, key=lambda one: float(one.fun)).x, dtype=np.float64)
 
 
-def _kinds(groups: Mapping[str, Codes], conditions: int) -> list[str]:
+def _kinds(groups: Mapping[str, Ints], conditions: int) -> list[str]:
     """Return the random effects: of each group, and of each in one condition."""
     return [
         name + where
@@ -263,8 +259,8 @@ def _over_scenes(
     people: PeopleFit,
     design: Floats,
     y: Floats,
-    groups: Mapping[str, Codes],
-    condition: Codes,
+    groups: Mapping[str, Ints],
+    condition: Ints,
     response: ResponseFunction,
     steepest: Floats,
 ) -> PeopleFit | None:

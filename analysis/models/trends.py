@@ -5,12 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.clustered import participant_t, sign_flip_p
 from analysis.models.tails import two_sided_quantile
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from typing import Any, ClassVar, Generic, Protocol, Self, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis.answers import SimulatedAnswers
+from analysis.arrays import Floats
 from analysis.models.mixed.inference import Draws, Inference
 from analysis.plots.style import Figure
 from analysis.seed import SEED
@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 EQUIVALENCE = "equivalence"
 """Name of a test that is to show that there is nothing; its power is that without an effect."""
-Tests: TypeAlias = Mapping[str, Callable[[], NDArray[np.float64]]]
+Tests: TypeAlias = Mapping[str, Callable[[], Floats]]
 """Planned tests of simulated studies by name; each gives p (studies, numbers of participants,
 comparisons), adjusted."""
 

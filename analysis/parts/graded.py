@@ -9,8 +9,8 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.data_dictionary import frame_of
 from analysis.models.detection import Measure
 from analysis.models.metacognition import (
@@ -53,7 +53,6 @@ from analysis.report.wording import level_text, number, number_range, p_number, 
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
 from protocols.prose import count_of
 
-Floats = NDArray[np.float64]
 TOGETHER = "all conditions together"
 MIXED = "answers of unequal d' taken together raise M-ratio, and lower the slope of the ROC"
 ENOUGH = f"{FEWEST_TRIALS} answers (of few steps 400 / steps)"

@@ -11,9 +11,9 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 import pandas as pd
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from analysis.answers import SimulatedAnswers
+from analysis.arrays import Floats
 from analysis.models.cells import TrialGrid, checked, grid
 from analysis.models.clustered import FEW_SCENES, holm
 from analysis.models.compared_methods import pairing_rows
@@ -361,7 +361,7 @@ def _planned(
             each.append(share_influence(happened, np.broadcast_to(seen, happened.shape)))
         return each[0] if len(each) == 1 else each[0].minus(each[1])
 
-    def of(count: int) -> NDArray[np.float64]:
+    def of(count: int) -> Floats:
         p = []
         for one in shown.values():
             at = [moved(count, masks) for masks in one.values()]
@@ -395,7 +395,7 @@ def _side(pair: Pair, value: str, one: Rate) -> Side:
     )
 
 
-def _votes(rows: pd.DataFrame, places: TrialGrid, methods: Sequence[str]) -> NDArray[np.float64]:
+def _votes(rows: pd.DataFrame, places: TrialGrid, methods: Sequence[str]) -> Floats:
     """Count votes on the grid (participants, scenes, k, k) between these methods."""
     rows = rows[rows["first"].isin(methods) & rows["second"].isin(methods)]
     at = rows.index.to_numpy()

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import NDArray
 
 from analysis.answers import SimulatedAnswers
+from analysis.arrays import Floats
 from analysis.data_dictionary import frame_of
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
@@ -46,8 +46,6 @@ from analysis.report.wording import (
 from analysis.showable import FamilyOfTests
 from protocols.adaptive.answer_history import Shape
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
-
-Floats = NDArray[np.float64]
 
 WIDELY_SPACED = 8.0
 """Levels whose largest is so many times the smallest are drawn on a logarithmic axis."""

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import scipy
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from analysis.answers import SimulatedAnswers
+from analysis.arrays import Floats
 from analysis.models.clustered import ClusteredShare, holm, two_way_of_first
 from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts
 from analysis.models.preference import (
@@ -69,7 +69,6 @@ TESTS = {
 }
 """Tests of a protocol: what a table calls them, and what they are."""
 
-Floats = NDArray[np.float64]
 _BF10 = Markup("BF<sub>10</sub>")
 Shares: TypeAlias = Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
 

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import expit
 
+from analysis.arrays import Floats
 from analysis.models.logistic import ModelFit, ModelsBeside, models_beside
 from analysis.models.mixed.marginal_means import NO_MARGINS, Margins, margins
 from analysis.parts import Shown, SimplePart
@@ -36,8 +36,6 @@ from analysis.report.wording import (
 )
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Cautions, Paragraph, TableBlock, grouped
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.data_dictionary import frame_of
 from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
 from analysis.models.compared_methods import as_numbers, numbered
@@ -33,8 +33,6 @@ from analysis.seed import SEED
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, TableBlock, grouped
 from protocols.prose import count_of
-
-Floats = NDArray[np.float64]
 
 BOOTSTRAP_SAMPLES = 2000
 

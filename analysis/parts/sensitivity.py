@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from analysis.answers import Mask, SimulatedAnswers
+from analysis.answers import SimulatedAnswers
+from analysis.arrays import Bools, Floats
 from analysis.data_dictionary import frame_of
 from analysis.models.cells import grid
 from analysis.models.clustered import holm, two_way_of_first
@@ -62,7 +62,6 @@ from analysis.report.wording import (
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
 
-Floats = NDArray[np.float64]
 TRUST = "When not to trust these sensitivities"
 
 
@@ -259,7 +258,7 @@ def with_shared_noise(rows: pd.DataFrame, signal: str) -> pd.DataFrame:
 
 def _told(
     cells: pd.DataFrame, plan: RatePlan
-) -> tuple[dict[str, Mask], dict[str, tuple[Mask, Mask]]]:
+) -> tuple[dict[str, Bools], dict[str, tuple[Bools, Bools]]]:
     """Return each condition's cells, and with signal and noise those of which d' is known."""
     own = {name: _cells_of(cells, name) for name in plan.values}
     there = (cells["expected"] == plan.answers[0]).to_numpy()
@@ -277,7 +276,7 @@ def _planned(
     answers: SimulatedAnswers,
     people: Sequence[int],
     plan: RatePlan,
-    cells: Mapping[str, Sequence[Mask]],
+    cells: Mapping[str, Sequence[Bools]],
     influence: Callable[..., Influence],
 ) -> Floats:
     """Return p of differences between conditions, or of a single one against 0, adjusted.
@@ -317,7 +316,7 @@ def _planned(
     return holm(p) if plan.correction == "holm" else p
 
 
-def _cells_of(cells: pd.DataFrame, condition: str) -> Mask:
+def _cells_of(cells: pd.DataFrame, condition: str) -> Bools:
     return np.asarray(cells["condition"] == condition)
 
 

@@ -6,9 +6,9 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from analysis.answers import SimulatedAnswers
+from analysis.arrays import Floats
 from analysis.models.clustered import holm, two_way_df
 from analysis.models.contrasts import Difference, pairs_of
 from analysis.models.detection import Measure
@@ -221,7 +221,7 @@ def difference_estimates(
 
 def mean_differences_p(
     scored: SimulatedAnswers, people: Sequence[int], plan: AnalysisPlan, *, holms: bool = True
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return p of differences between conditions (studies, numbers of participants, pairs).
 
     Of simulated numbers; near the tests of a mixed model.
@@ -240,7 +240,7 @@ def mean_differences_p(
     return holm(p) if holms else p
 
 
-def _difference_p(gap: NDArray[np.float64]) -> NDArray[np.float64]:
+def _difference_p(gap: Floats) -> Floats:
     """Return p of mean differences (studies, participants, scenes), both of them random.
 
     Near the likelihood ratio that decides in a mixed model, in closed form: variances as maximum

@@ -9,12 +9,13 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
+from analysis.arrays import Floats
 from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
 from analysis.models.compared_methods import as_numbers
 from analysis.models.paired.paired_counts import Model
 from analysis.models.scaling import Scale, scale
 from analysis.parts import Part, PartFigure, Shown, tried
-from analysis.parts.scale import BOOTSTRAP_SAMPLES, Floats, vote_tensor
+from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.wording import big, number, number_range, p_number, p_text

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from analysis.arrays import Floats
 from analysis.models.ideal_observer import AbxRule, abx_share, forced_choice_share
 from analysis.models.psychometric import CurveForm
 from analysis.parts import AnalysisPlan
@@ -18,8 +18,6 @@ from protocols.prose import count_of
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.rates import BETWEEN, D_PRIME, TAKEN, RatesAnalysis, name_of
 from protocols.tasks.single import RightOrWrong
-
-Floats = NDArray[np.float64]
 
 EVERYTHING = "all"
 """Name of the condition where nothing is compared."""

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from itertools import cycle
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.tails import two_sided_quantile
 from analysis.models.trends import Course
 from analysis.plots.style import (
@@ -19,8 +19,6 @@ from analysis.plots.style import (
     new_figure,
     style,
 )
-
-Floats = NDArray[np.float64]
 
 PERSON = "#B4B4B4"
 """Of one person's line, which lies below all else."""

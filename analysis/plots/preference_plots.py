@@ -4,8 +4,8 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.preference import Preference
 from analysis.plots.style import (
     BLUE,
@@ -26,7 +26,6 @@ from analysis.plots.style import (
     wrapped,
 )
 
-Floats = NDArray[np.float64]
 Label = Callable[[str], str]
 
 

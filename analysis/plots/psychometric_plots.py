@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.curves.goodness_of_fit import Misfit
 from analysis.models.tails import two_sided_quantile
 from analysis.models.trends import Course
@@ -26,8 +26,6 @@ from analysis.plots.style import (
     style,
 )
 from analysis.report.wording import size
-
-Floats = NDArray[np.float64]
 
 FEW_LEVELS = 8
 """Up to so many levels, each has its tick."""

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.report.wording import size
 
 if TYPE_CHECKING:
@@ -195,7 +195,7 @@ def null_line(axes: Axes, x: float) -> None:
     axes.axvline(x, color="black", lw=0.8, ls=(0, (4, 3)), zorder=3)
 
 
-def level_axis(axes: Axes, levels: NDArray[np.float64]) -> None:
+def level_axis(axes: Axes, levels: Floats) -> None:
     """Set a logarithmic axis of levels, with 1, 2 and 5 of each power of ten on it."""
     axes.set_xscale("log")
     low, high = float(np.min(levels)), float(np.max(levels))

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.critical_scaling import CriticalScaling
 from analysis.models.detection import (
     Discrimination,
@@ -36,7 +36,6 @@ from analysis.plots.style import (
     style,
 )
 
-Floats = NDArray[np.float64]
 Label = Callable[[str], str]
 
 

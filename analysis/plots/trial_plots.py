@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.order_and_side import Bias
 from analysis.models.reaction import ReactionTimes
 from analysis.plots.style import (
@@ -24,7 +24,6 @@ from analysis.plots.style import (
     style,
 )
 
-Floats = NDArray[np.float64]
 Label = Callable[[str], str]
 
 NUMBERED_ROWS = 40

@@ -61,6 +61,7 @@ def test_help_of_no_command_imports_statistics_or_graphics():
     assert done.stdout.splitlines() == [f"{slot.name} []" for slot in SLOTS], done.stderr
 
 
+@pytest.mark.slow
 def test_planning_a_study_imports_no_figures_and_no_models():
     """`protocol check` asks every statistic about the design, and computes none of them."""
     heavy = ("matplotlib", "statsmodels", "scipy.stats", "scipy.optimize", "scipy.sparse")

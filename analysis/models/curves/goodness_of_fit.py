@@ -5,16 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import xlogy
 
+from analysis.arrays import Floats, Ints
 from analysis.models.clustered import holm
 from analysis.models.contrasts import IN_CONDITION
 from analysis.models.curves.population import Population, span
 from analysis.models.psychometric import LAPSE_MAX, CurveForm, Psychometric
-
-Floats = NDArray[np.float64]
-Codes = NDArray[np.int64]
 
 STUDIES = 199, 999
 """Fewest and most that are simulated."""
@@ -238,18 +235,18 @@ class _Counts:
     """
 
     population: Population
-    row: Codes
+    row: Ints
     """Of each trial."""
-    cell: Codes
+    cell: Ints
     """Of each row; below, too."""
     eta: Floats
     level: Floats
     shown: Floats
-    person: Codes
-    scene: Codes
-    condition: Codes
-    row_of_cell: Codes
-    unit_of_cell: Codes
+    person: Ints
+    scene: Ints
+    condition: Ints
+    row_of_cell: Ints
+    unit_of_cell: Ints
 
     @classmethod
     def of(
@@ -337,7 +334,7 @@ class _Counts:
         return np.asarray(np.clip(share, 1e-9, 1.0 - 1e-9))
 
 
-def _numbered(keys: Floats | Codes, *, ordered: bool = True) -> Codes:
+def _numbered(keys: Floats | Ints, *, ordered: bool = True) -> Ints:
     """Return numbers from 0 of rows that are alike; `ordered`: equal ones are neighbours."""
     if ordered:
         new = np.any(np.diff(keys, axis=0) != 0, axis=1)
@@ -345,7 +342,7 @@ def _numbered(keys: Floats | Codes, *, ordered: bool = True) -> Codes:
     return np.unique(keys, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
 
 
-def _neighbours(levels: Floats) -> tuple[Codes, Floats]:
+def _neighbours(levels: Floats) -> tuple[Ints, Floats]:
     """Return the group of each cell, and the groups' mean levels."""
     place = np.unique(levels, return_inverse=True)[1].ravel()
     count = int(place.max()) + 1
@@ -366,7 +363,7 @@ def _deviances(right: Floats, share: Floats, shown: Floats) -> Floats:
     return np.asarray(2.0 * cells.sum(axis=1))
 
 
-def _residuals(right: Floats, share: Floats, shown: Floats, place: Codes) -> Floats:
+def _residuals(right: Floats, share: Floats, shown: Floats, place: Ints) -> Floats:
     """Return residuals of shares at each level (studies, levels)."""
     at = (place[:, None] == np.arange(int(place.max()) + 1)).astype(np.float64)
     return np.asarray((right - shown * share) @ at / (shown @ at))

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit, ndtr, ndtri
 
+from analysis.arrays import Floats
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Crossed, Difference, Pair, wald
 from analysis.models.curves.quadrature import mean_lapse
@@ -14,8 +14,6 @@ from analysis.models.curves.response import ResponseFunction, axis_of
 from analysis.models.numeric import delta_method
 from analysis.models.tails import two_sided_quantile
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
-
-Floats = NDArray[np.float64]
 
 OPEN_RANGES = 5.0
 """A limit outside the levels shown by more than so many of their ranges bounds nothing."""

@@ -9,17 +9,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaln, expit, log_expit, logit
 
+from analysis.arrays import Floats
 from analysis.models.clustered import holm
 from analysis.models.contrasts import pairs_of
 from analysis.models.curves.response import axis_of
 from analysis.models.psychometric import TWO_ALTERNATIVES, CurveForm
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE, sigmoid
-
-Floats = NDArray[np.float64]
 
 PRIOR = (1.0, 10.0)
 """Beta law of the lapse rate, of a guess rate that is fitted, and of the overdispersion."""

@@ -10,14 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.special import expit
 
+from analysis.arrays import Floats, Ints
 from analysis.models.curves.response import ResponseFunction, steep_prior
 from analysis.models.numeric import newton_polish
-
-Floats = NDArray[np.float64]
-Codes = NDArray[np.int64]
 
 NODES = 11, 41
 """Fewest and most, of what a participant has in all conditions, and of what in one."""
@@ -90,8 +87,8 @@ def mean_lapse(median: float, sd: float) -> float:
 def fit_people(
     design: Floats,
     y: Floats,
-    person: Codes,
-    condition: Codes,
+    person: Ints,
+    condition: Ints,
     *,
     response: ResponseFunction,
     start: Floats,
@@ -227,11 +224,11 @@ class _Integrated:
     design: Floats
     successes: Floats
     trials: Floats
-    person: Codes
+    person: Ints
     """Of each row."""
-    cell: Codes
-    person_of_cell: Codes
-    condition_of_cell: Codes
+    cell: Ints
+    person_of_cell: Ints
+    condition_of_cell: Ints
     response: ResponseFunction
     steepest: Floats
     conditions: int
@@ -241,8 +238,8 @@ class _Integrated:
         cls,
         design: Floats,
         y: Floats,
-        person: Codes,
-        condition: Codes,
+        person: Ints,
+        condition: Ints,
         response: ResponseFunction,
         steepest: Floats,
     ) -> "_Integrated":

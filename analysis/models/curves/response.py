@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from typing import Literal, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit, log_expit, logit, ndtr, ndtri
 
-Floats = NDArray[np.float64]
+from analysis.arrays import Floats, Ints
+
 Link = Literal["logit", "probit", "weibull"]
 Rates = tuple[float, float | Floats]
 """Guess rate, and lapse rate: one, or of each row."""
@@ -43,7 +43,7 @@ class AnswerLaw(Protocol[R]):
     @property
     def plain(self) -> bool: ...
 
-    def of(self, trials: NDArray[np.int64]) -> "AnswerLaw[R]":
+    def of(self, trials: Ints) -> "AnswerLaw[R]":
         """Return the law of these trials alone."""
 
     def rates(self, free: Floats) -> R:
@@ -98,7 +98,7 @@ class ResponseFunction:
         """True if this is an ordinary logit model."""
         return self.link == "logit" and self.concave
 
-    def of(self, trials: NDArray[np.int64]) -> "ResponseFunction":
+    def of(self, trials: Ints) -> "ResponseFunction":
         """Return the response of these trials alone."""
         one = self.lapse is None or np.ndim(self.lapse) == 0
         return self if one else replace(self, lapse=np.asarray(self.lapse)[trials])

@@ -14,11 +14,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from analysis.arrays import Floats, Ints
 from protocols.errors import StudyError
 from protocols.limits import FIXED
 
-Floats = NDArray[np.float64]
-Codes = NDArray[np.int64]
 N = TypeVar("N", bound=np.generic)
 
 MOST_LEVELS = FIXED["effects"].most
@@ -153,7 +152,7 @@ class RandomEffects:
     Vectors of effects have `size` slots; those that fill up short blocks stay 0.
     """
 
-    def __init__(self, groups: Sequence[Codes], times: Sequence[Floats], trials: int) -> None:
+    def __init__(self, groups: Sequence[Ints], times: Sequence[Floats], trials: int) -> None:
         codes = [code.reshape(len(code), -1).T for code in groups]
         sizes = [int(code.max()) + 1 for code in codes]
         starts = np.concatenate([[0], np.cumsum(sizes)])
@@ -271,7 +270,7 @@ class RandomEffects:
         """Return the effects of each factor, in the order of its levels."""
         return tuple(slots[places] for places in self._kept)
 
-    def _pairs(self) -> tuple[Codes, Codes, Codes]:
+    def _pairs(self) -> tuple[Ints, Ints, Ints]:
         """Return both slots of every two members of a trial, and where their product lies."""
         count, size = self._blocks
         corner, inside = count * size * size, count * size
@@ -289,7 +288,7 @@ class RandomEffects:
         )
 
 
-def _slots(codes: Sequence[Codes], starts: Codes) -> tuple[Codes, tuple[int, int], int]:
+def _slots(codes: Sequence[Ints], starts: Ints) -> tuple[Ints, tuple[int, int], int]:
     """Return each effect's slot, how many blocks of which size there are, and the border's size.
 
     Factors enter the blocks from the one with most levels on, as long as that is less work.
@@ -297,7 +296,7 @@ def _slots(codes: Sequence[Codes], starts: Codes) -> tuple[Codes, tuple[int, int
     if not codes:
         return np.zeros(0, dtype=np.int64), (0, 0), 0
     order = np.argsort(-np.diff(starts), kind="stable")
-    best: tuple[float, Codes, Codes] | None = None
+    best: tuple[float, Ints, Ints] | None = None
     for taken in range(1, len(codes) + 1):
         inner = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in order[:taken]])
         linked = np.concatenate([codes[k] + starts[k] for k in order[:taken]])

@@ -7,11 +7,9 @@ from functools import cache, partial
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.tails import chi_squared_quantile
-
-Floats = NDArray[np.float64]
 
 MOST_PROFILED = 300
 """Of all effects together, for profile limits: more take minutes."""

@@ -7,9 +7,8 @@ from typing import Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from analysis.arrays import Floats, Ints
 
 TILDE_OPERATOR = "\N{TILDE OPERATOR}"  # what papers print for ~
 
@@ -160,7 +159,7 @@ def well_scaled(design: Floats) -> tuple[Floats, Floats]:
     return scaled, back
 
 
-def group_codes(trials: pd.DataFrame, column: str) -> NDArray[np.int64]:
+def group_codes(trials: pd.DataFrame, column: str) -> Ints:
     """Return the number of each trial's group (trials,): 0, 1, ... in the order of the names."""
     if column not in trials.columns:
         raise ValueError(f"{column!r} must be a column (columns: {list(trials.columns)})")

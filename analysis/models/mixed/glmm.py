@@ -10,13 +10,12 @@ import scipy
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from analysis.arrays import Floats, Ints
 from analysis.models.curves.response import LOGIT, AnswerLaw, R, ResponseFunction, steep_prior
 from analysis.models.mixed.arrow_matrix import Arrow, N, RandomEffects
 from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, FittedEffects, held_maximum
 from analysis.models.mixed.logit import fit_logit
 from analysis.models.numeric import newton_polish
-
-Floats = NDArray[np.float64]
 
 START_SD = 0.5
 LEAST_START_SD = 0.1
@@ -79,7 +78,7 @@ class CountedTrials:
         How many, and how many of them are 1; of ordered answers the one that all of them are.
     """
 
-    first: NDArray[np.int64]
+    first: Ints
     trials: Floats
     answers: Floats
     effects: RandomEffects
@@ -89,7 +88,7 @@ class CountedTrials:
         cls,
         design: Floats,
         y: NDArray[N],
-        groups: Sequence[NDArray[np.int64]],
+        groups: Sequence[Ints],
         slopes: Sequence[Floats | None] = (),
         *,
         ordered: bool = False,
@@ -117,7 +116,7 @@ class CountedTrials:
 def fit_crossed(
     design: Floats,
     y: Floats,
-    groups: Sequence[NDArray[np.int64]],
+    groups: Sequence[Ints],
     *,
     response: ResponseFunction = LOGIT,
     slopes: Sequence[Floats | None] = (),

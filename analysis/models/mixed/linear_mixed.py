@@ -6,12 +6,10 @@ from functools import partial
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats, Ints
 from analysis.models.mixed.arrow_matrix import Arrow, ArrowMatrix, RandomEffects
 from analysis.models.mixed.deviations import Deviation, FittedEffects
-
-Floats = NDArray[np.float64]
 
 STARTS = (1.0, 0.3, 0.05)
 """Deviations, as shares of the residual's, from which the search begins."""
@@ -41,7 +39,7 @@ class LinearMixed:
 def fit_linear_mixed(
     design: Floats,
     y: Floats,
-    groups: Mapping[str, NDArray[np.int64]],
+    groups: Mapping[str, Ints],
     *,
     names: Mapping[str, Sequence[str]] | None = None,
     level: float | None = None,

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.special import expit, log_expit
 
+from analysis.arrays import Floats, Ints
 from analysis.models.tails import chi_squared_p, chi_squared_quantile
-
-Floats = NDArray[np.float64]
 
 MAX_STEPS = 200
 FARTHEST = 1e6
@@ -127,7 +125,7 @@ def cluster_covariance(
     successes: Floats,
     trials: Floats,
     beta: Floats,
-    clusters: tuple[NDArray[np.int64], ...],
+    clusters: tuple[Ints, ...],
 ) -> Floats:
     """Return the sandwich covariance, one-way or two-way (CR1: times G / (G - 1)).
 
@@ -137,7 +135,7 @@ def cluster_covariance(
     bread = np.linalg.pinv(information(design, beta, trials), hermitian=True)
     score = design * (successes - trials * expit(design @ beta))[:, None]
 
-    def meat(labels: NDArray[np.int64]) -> Floats:
+    def meat(labels: Ints) -> Floats:
         _, index = np.unique(labels, return_inverse=True)
         groups = int(index.max()) + 1
         summed = np.zeros((groups, design.shape[1]))

@@ -5,12 +5,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.clustered import holm
 from analysis.models.tails import two_sided_p, two_sided_quantile
 
-Floats = NDArray[np.float64]
 Asked = Mapping[str, Mapping[str, float]]
 """Contrasts by name: of each, weights of conditions."""
 LARGEST_ERROR = 30.0

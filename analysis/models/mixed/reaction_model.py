@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats, Ints
 from analysis.models.cells import checked, grid, numbered
 from analysis.models.contrasts import (
     IN_CONDITION,
@@ -25,8 +25,6 @@ from analysis.models.mixed.linear_mixed import LinearMixed, fit_linear_mixed
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
 from analysis.models.right_answers import FEW_PARTICIPANTS
 from analysis.models.tails import two_sided_quantile
-
-Floats = NDArray[np.float64]
 
 NO_SPREAD = 1e-3
 """Of ln s; a deviation below is none."""
@@ -222,7 +220,7 @@ def time_model(
 def _ratio(
     design: Floats,
     y: Floats,
-    effects: Mapping[str, NDArray[np.int64]],
+    effects: Mapping[str, Ints],
     near: LinearMixed,
     pair: tuple[int, int],
 ) -> tuple[float, LinearMixed]:
@@ -244,7 +242,7 @@ def _ratio(
 def _ratio_p(
     design: Floats,
     y: Floats,
-    effects: Mapping[str, NDArray[np.int64]],
+    effects: Mapping[str, Ints],
     fit: LinearMixed,
     pair: tuple[int, int],
     df: float,

@@ -6,8 +6,8 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.clustered import holm
 from analysis.models.mixed.deviations import Deviation
 from analysis.models.mixed.formula import group_codes
@@ -20,8 +20,6 @@ from analysis.models.mixed.glmm import (
 )
 from analysis.models.paired.paired_counts import components, has_maximum
 from analysis.models.tails import two_sided_p
-
-Floats = NDArray[np.float64]
 
 FEW_METHODS = 3
 """Up to so many a second search finds more at times (5 of 72 contrasts; above, none of 306)."""

@@ -4,13 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.models.bootstrap import drawn_scores, draws
 from analysis.models.clustered import least_p
 from analysis.models.paired.paired_counts import fit_scores, pair_index, probability
 
-Floats = NDArray[np.float64]
 LEAST_DRAWN = 100
 
 

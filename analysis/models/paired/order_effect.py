@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from analysis.arrays import Bools, Floats
 from analysis.models.bootstrap import difference_limits, draws
 from analysis.models.paired.paired_counts import (
     difference_design,
@@ -12,8 +12,6 @@ from analysis.models.paired.paired_counts import (
     pair_index,
     solve_pairs,
 )
-
-Floats = NDArray[np.float64]
 
 LEAST_DRAWN = 100
 
@@ -100,7 +98,7 @@ def order_effect(
     )
 
 
-def _bounded(won: Floats, lost: Floats, count: int) -> NDArray[np.bool_]:
+def _bounded(won: Floats, lost: Floats, count: int) -> Bools:
     """Return True for draws (samples, 2 x pairs) with finite scores and a finite order effect."""
     first, second = pair_index(count)
     beaten = np.zeros((len(won), count, count), dtype=np.bool_)

@@ -14,7 +14,8 @@ import scipy
 from numpy.typing import NDArray
 from scipy.special import expit, log_expit, log_ndtr, ndtri
 
-Floats = NDArray[np.float64]
+from analysis.arrays import Bools, Floats
+
 Model = Literal["bradley-terry", "thurstone"]
 
 JOD_SIGMA = float(1.0 / ndtri(0.75))
@@ -43,7 +44,7 @@ class PairSolution:
     parameters: Floats
     log_likelihood: Floats
     information: Floats
-    converged: NDArray[np.bool_]
+    converged: Bools
 
 
 def pair_index(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -170,7 +171,7 @@ def fit_scores(
     return scores
 
 
-def has_maximum(won: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def has_maximum(won: Bools) -> Bools:
     """Return True if a finite maximum exists: the graph "was chosen over" is strongly connected.
 
     Parameters
@@ -189,7 +190,7 @@ def has_maximum(won: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(reach.all(axis=(-1, -2)))
 
 
-def components(compared: NDArray[np.bool_], names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+def components(compared: Bools, names: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of conditions that comparisons link, by name, in order."""
     count, label = scipy.sparse.csgraph.connected_components(compared | compared.T, directed=False)
     return tuple(

@@ -5,13 +5,14 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
+from analysis.arrays import Floats
 from analysis.models.detection import DiscriminationResults, abx
 from analysis.parts import AnyPart
 from analysis.parts.curves.critical import CriticalPart
 from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rate_plan import RatePlan, baseline_in
 from analysis.plans.table_settings import AbxTableSettings, WhichHalfTableSettings
-from analysis.simulations import Floats, tabulated
+from analysis.simulations import tabulated
 from analysis.tasks.rates import RatesTask, rate_parts
 from protocols.tasks.base import Analysis
 

@@ -5,12 +5,13 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
+from analysis.arrays import Floats
 from analysis.models.detection import DiscriminationResults, identification
 from analysis.parts import AnyPart
 from analysis.parts.sensitivity import DiscriminationPart
 from analysis.plans.rate_plan import RatePlan, baseline_in
 from analysis.plans.table_settings import IdentificationTableSettings
-from analysis.simulations import Floats, tabulated
+from analysis.simulations import tabulated
 from analysis.tasks.rates import RatesTask, rate_parts
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis

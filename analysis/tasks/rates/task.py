@@ -5,10 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from analysis.arrays import Floats
 from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
 from analysis.parts.confidence import ConfidencePart
@@ -37,8 +36,6 @@ from analysis.tasks.base import TaskAnalysis
 from protocols.errors import StudyError, did_you_mean
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.rates import name_of
-
-Floats = NDArray[np.float64]
 
 
 def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[AnyPart, ...]:
