@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import InputError
-from pipeline.frame import check_depth
+from pipeline.frame import Floats, check_depth
 
 # A camera that looks along world -z with its image upright: y down and z forward flip.
 UPRIGHT = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -46,7 +46,7 @@ class Camera:
     fy_px: float
     cx_px: float
     cy_px: float
-    world_from_camera: NDArray[np.float64]
+    world_from_camera: Floats
 
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1:
@@ -98,20 +98,18 @@ class Camera:
         return replace(self, world_from_camera=pose)
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """Intrinsics K, shape (3, 3): pixels from points of depth 1."""
         return np.array(
             [[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]]
         )
 
-    def pixel_centres(self) -> NDArray[np.float64]:
+    def pixel_centres(self) -> Floats:
         """Positions (x, y) of all pixel centres, shape (H, W, 2), pixels."""
         x, y = np.meshgrid(np.arange(self.width_px) + 0.5, np.arange(self.height_px) + 0.5)
         return np.stack([x, y], axis=-1)
 
-    def project(
-        self, point_m: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def project(self, point_m: Floats) -> tuple[Floats, Floats]:
         """Image positions (..., 2) and depths (...) of world points (..., 3).
 
         Positions of points at or behind the camera (depth <= 0) are not meaningful.
@@ -119,17 +117,17 @@ class Camera:
         relative = point_m - self.world_from_camera[:3, 3]
         return self._image(relative @ self._camera_from_world_rotation().T)
 
-    def _camera_from_world_rotation(self) -> NDArray[np.float64]:
+    def _camera_from_world_rotation(self) -> Floats:
         # Not the transpose: a pose from a file is a rotation only to its own precision, and
         # a point must come back to the pixel that it was unprojected from.
         return np.asarray(np.linalg.inv(self.world_from_camera[:3, :3]), np.float64)
 
-    def _rays(self, position_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _rays(self, position_px: Floats) -> Floats:
         x = (position_px[..., 0] - self.cx_px) / self.fx_px
         y = (position_px[..., 1] - self.cy_px) / self.fy_px
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
-    def _image(self, point: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _image(self, point: Floats) -> tuple[Floats, Floats]:
         depth = point[..., 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             x = self.fx_px * point[..., 0] / depth + self.cx_px
@@ -184,7 +182,7 @@ def flow_between(
     return np.where(seen[..., None], flow, 0), np.where(seen, target_depth, 0)
 
 
-def reprojection(source: Camera, target: Camera) -> NDArray[np.float64]:
+def reprojection(source: Camera, target: Camera) -> Floats:
     """The matrix that takes target pixels with depth back to the source: P T P^-1.
 
     Kuffner dos Anjos et al. 2022, section 3.4.1.

@@ -11,18 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import Floats
 
 # BT.709 luma weights; full range, so Y' spans [0, 1] and Cb, Cr span [-0.5, 0.5].
 _RED, _GREEN, _BLUE = 0.2126, 0.7152, 0.0722
 
-YCBCR_FROM_RGB: Final[NDArray[np.float64]] = np.array(
+YCBCR_FROM_RGB: Final[Floats] = np.array(
     [
         [_RED, _GREEN, _BLUE],
         [-_RED / (2 - 2 * _BLUE), -_GREEN / (2 - 2 * _BLUE), 0.5],
         [0.5, -_GREEN / (2 - 2 * _RED), -_BLUE / (2 - 2 * _RED)],
     ]
 )
-RGB_FROM_YCBCR: Final[NDArray[np.float64]] = np.array(
+RGB_FROM_YCBCR: Final[Floats] = np.array(
     [
         [1.0, 0.0, 2 - 2 * _RED],
         [1.0, -_BLUE * (2 - 2 * _BLUE) / _GREEN, -_RED * (2 - 2 * _RED) / _GREEN],

@@ -13,7 +13,7 @@ from scipy import ndimage
 from pipeline.colour import YCBCR_FROM_RGB, ycbcr_from_rgb
 from pipeline.errors import InputError
 from pipeline.features.reference import analyse
-from pipeline.frame import check_colour, check_hole, check_same_size
+from pipeline.frame import Bools, Floats, check_colour, check_hole, check_same_size
 
 SSIM_SIGMA_PX = 1.5
 SSIM_LEAST_PX = 11  # the window of Wang et al. 2004
@@ -45,7 +45,7 @@ class Quality:
     band_error: float
 
 
-def interior(hole: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def interior(hole: Bools) -> Bools:
     """Keep the holes, (H, W), that do not touch the frame's border, not even by a corner.
 
     What enters at the border lies beside what no view saw, and says more about the framing than
@@ -56,9 +56,7 @@ def interior(hole: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return hole & ~np.isin(labels, at_border)
 
 
-def evaluate(
-    filled: NDArray[np.float32], truth: NDArray[np.float32], mask: NDArray[np.bool_]
-) -> Quality:
+def evaluate(filled: NDArray[np.float32], truth: NDArray[np.float32], mask: Bools) -> Quality:
     """Measure `filled` against `truth` inside `mask`.
 
     Parameters
@@ -81,16 +79,14 @@ def evaluate(
     )
 
 
-def psnr_db(
-    filled: NDArray[np.float32], truth: NDArray[np.float32], mask: NDArray[np.bool_]
-) -> float:
+def psnr_db(filled: NDArray[np.float32], truth: NDArray[np.float32], mask: Bools) -> float:
     """Peak signal-to-noise ratio of the three channels, peak 1, in decibels."""
     inside = _composite(filled, truth, mask)[mask] - truth[mask].astype(np.float64)
     mean_square = float(np.mean(inside**2))
     return float("inf") if mean_square == 0 else -10.0 * float(np.log10(mean_square))
 
 
-def ssim(filled: NDArray[np.float32], truth: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
+def ssim(filled: NDArray[np.float32], truth: NDArray[np.float32], mask: Bools) -> float:
     """Structural similarity (Wang et al. 2004), its map averaged over the mask and channels.
 
     Gaussian window of 1.5 px, population covariances, range 1, as the paper has it; windows
@@ -118,7 +114,7 @@ def ssim(filled: NDArray[np.float32], truth: NDArray[np.float32], mask: NDArray[
 
 
 def high_frequency_ratio(
-    filled: NDArray[np.float32], truth: NDArray[np.float32], mask: NDArray[np.bool_]
+    filled: NDArray[np.float32], truth: NDArray[np.float32], mask: Bools
 ) -> float:
     """Root-mean-square of the fill's fine detail over that of the truth's.
 
@@ -141,7 +137,7 @@ def high_frequency_ratio(
 def band_error(
     filled: NDArray[np.float32],
     truth: NDArray[np.float32],
-    mask: NDArray[np.bool_],
+    mask: Bools,
     *,
     levels: int = BAND_LEVELS,
 ) -> float:
@@ -177,10 +173,10 @@ def band_error(
     return float(np.mean(errors))
 
 
-def _pooled_moments(band: NDArray[np.float64], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _pooled_moments(band: Floats, mask: Bools) -> Floats:
     """Local mean and deviation over the coefficients inside `mask`, shape (2, inside, ...)."""
 
-    def pool(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def pool(values: Floats) -> Floats:
         sigma = (BAND_POOLING, BAND_POOLING) + (0.0,) * (values.ndim - 2)
         return np.asarray(ndimage.gaussian_filter(values, sigma, mode="constant")[mask])
 
@@ -193,7 +189,7 @@ def _pooled_moments(band: NDArray[np.float64], mask: NDArray[np.bool_]) -> NDArr
     return np.stack([mean, np.sqrt(np.maximum(square - mean**2, 0.0))])
 
 
-def _halve_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _halve_mask(mask: Bools) -> Bools:
     height, width = mask.shape
     padded = np.pad(mask, ((0, height % 2), (0, width % 2)))
     return np.asarray(
@@ -201,14 +197,12 @@ def _halve_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     )
 
 
-def _fine_detail(image: NDArray[np.float64]) -> NDArray[np.float64]:
+def _fine_detail(image: Floats) -> Floats:
     luma = image @ YCBCR_FROM_RGB[0]
     return np.asarray(luma - ndimage.gaussian_filter(luma, HIGH_PASS_SIGMA_PX, mode="nearest"))
 
 
-def _composite(
-    filled: NDArray[np.float32], truth: NDArray[np.float32], mask: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def _composite(filled: NDArray[np.float32], truth: NDArray[np.float32], mask: Bools) -> Floats:
     check_colour(filled, "filled")
     check_colour(truth, "truth")
     check_hole(mask, "mask")

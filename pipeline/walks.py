@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from pipeline.frame import WarpedFrame
+from pipeline.frame import Bools, Floats, WarpedFrame
 
 _MARGIN_PX = 2.0  # by how much rounding may widen a hole beyond the motion that opened it
 
 
-def parallax_direction(warped: WarpedFrame, depth_threshold: float = 0.04) -> NDArray[np.float64]:
+def parallax_direction(warped: WarpedFrame, depth_threshold: float = 0.04) -> Floats:
     """Direction to each hole's background side, shape (H, W, 2), (row, column), unit length.
 
     Zero outside holes. The direction is ``background motion - foreground motion``, the background's
@@ -48,7 +48,7 @@ def parallax_direction(warped: WarpedFrame, depth_threshold: float = 0.04) -> ND
     return result
 
 
-def _border(known: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _border(known: Bools) -> NDArray[np.intp]:
     """Known pixels that touch an unknown one; the nearest known pixel is always one of them."""
     return np.argwhere(known & ndimage.binary_dilation(~known, np.ones((3, 3), np.bool_)))
 
@@ -59,7 +59,7 @@ def _nearest(points: NDArray[np.intp], to: NDArray[np.intp]) -> NDArray[np.intp]
     return np.asarray(index, np.intp)
 
 
-def _motion(warped: WarpedFrame, pixel: NDArray[np.intp]) -> NDArray[np.float64]:
+def _motion(warped: WarpedFrame, pixel: NDArray[np.intp]) -> Floats:
     """Motion (row, column) of each pixel."""
     return warped.flow_px[pixel[:, 0], pixel[:, 1], ::-1].astype(np.float64)
 
@@ -68,7 +68,7 @@ def _motion(warped: WarpedFrame, pixel: NDArray[np.intp]) -> NDArray[np.float64]
 class Scene:
     """Scene of walks: known pixels, depth, and which share of a depth counts as clearly nearer."""
 
-    known: NDArray[np.bool_]
+    known: Bools
     depth_m: NDArray[np.float32]
     depth_threshold: float
 
@@ -78,14 +78,12 @@ class WalkEnds:
     """Ends of walks: pixel (N, 2), the step taken (N, 2), how many steps (N), whether found (N)."""
 
     end: NDArray[np.intp]
-    step: NDArray[np.float64]
+    step: Floats
     steps: NDArray[np.intp]
-    found: NDArray[np.bool_]
+    found: Bools
 
 
-def background_ends(
-    scene: Scene, start: NDArray[np.intp], direction: NDArray[np.float64]
-) -> WalkEnds:
+def background_ends(scene: Scene, start: NDArray[np.intp], direction: Floats) -> WalkEnds:
     """Walk to the background side, and the other way where that side is foreground or outside."""
     ahead = walk_to_known(scene.known, start, direction)
     guide_m = scene.depth_m[start[:, 0], start[:, 1]]
@@ -100,7 +98,7 @@ def background_ends(
     return _replace(ends, lost, _nearest_known(scene.known, start[lost]), np.ones(len(lost), bool))
 
 
-def _nearest_known(known: NDArray[np.bool_], start: NDArray[np.intp]) -> WalkEnds:
+def _nearest_known(known: Bools, start: NDArray[np.intp]) -> WalkEnds:
     """The nearest known pixel in any direction, which always exists."""
     border = _border(known)
     end = border[_nearest(border, start)] if len(start) else start
@@ -109,9 +107,7 @@ def _nearest_known(known: NDArray[np.bool_], start: NDArray[np.intp]) -> WalkEnd
     return WalkEnds(end, step, steps, np.ones(len(start), bool))
 
 
-def walk_to_known(
-    known: NDArray[np.bool_], start: NDArray[np.intp], direction: NDArray[np.float64]
-) -> WalkEnds:
+def walk_to_known(known: Bools, start: NDArray[np.intp], direction: Floats) -> WalkEnds:
     """Step from pixel to pixel until one is known; not found where the image ends before."""
     longest = np.abs(direction).max(axis=1, keepdims=True)
     step = np.divide(direction, longest, out=np.zeros_like(direction), where=longest > 0)
@@ -132,7 +128,7 @@ def walk_to_known(
 
 
 def walk_within(
-    scene: Scene, start: NDArray[np.intp], step: NDArray[np.float64], steps: NDArray[np.intp]
+    scene: Scene, start: NDArray[np.intp], step: Floats, steps: NDArray[np.intp]
 ) -> NDArray[np.intp]:
     """Go on by up to `steps`, while the pixels are known and not clearly nearer than `start`."""
     guide_m = scene.depth_m[start[:, 0], start[:, 1]]
@@ -154,9 +150,7 @@ def walk_within(
     return end
 
 
-def _replace(
-    ends: WalkEnds, where: NDArray[np.intp], by: WalkEnds, chosen: NDArray[np.bool_]
-) -> WalkEnds:
+def _replace(ends: WalkEnds, where: NDArray[np.intp], by: WalkEnds, chosen: Bools) -> WalkEnds:
     fields = {}
     for name in ("end", "step", "steps", "found"):
         values = getattr(ends, name).copy()
@@ -167,5 +161,5 @@ def _replace(
 
 def _clearly_nearer(
     depth_m: NDArray[np.float32], than_m: NDArray[np.float32], threshold: float
-) -> NDArray[np.bool_]:
+) -> Bools:
     return np.asarray(depth_m < np.float32(1 - threshold) * than_m)

@@ -36,8 +36,8 @@ from pipeline.compression.resample import fitted_cells, from_cells
 from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.picture_fixation import check_picture
+from pipeline.frame import Floats
 
-Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 DEFAULT_CODEC = "jpeg"

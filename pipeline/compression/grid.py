@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from pipeline.frame import Floats
 
 TURN = 2 * math.pi
 _ROUNDING = 1e-9  # so that a whole number of cells, computed, gets no cell more

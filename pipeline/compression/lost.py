@@ -27,8 +27,7 @@ from pipeline.foveation.pooled_moments import (
     coefficient_moments,
 )
 from pipeline.foveation.reference import shaped_noise
-
-Floats = NDArray[np.float64]
+from pipeline.frame import Floats
 
 MOST_LEVELS = 5
 COARSER = 9

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.compression.grid import PolarGrid
 from pipeline.foveation.displacement import look_up
-
-Floats = NDArray[np.float64]
+from pipeline.frame import Floats
 
 MOST_SAMPLES = 32
 """Of a cell along an axis: the paper's bound R, section 5.1.2."""

@@ -26,8 +26,7 @@ from pipeline.foveation.pooled_moments import (
     wanted_by_blocks,
 )
 from pipeline.foveation.reference import finished, shaped_noise
-
-Floats = NDArray[np.float64]
+from pipeline.frame import Floats
 
 LEVELS = 5
 """Of the pyramid, as `MetamerSettings` has it; small pictures have fewer."""

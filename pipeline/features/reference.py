@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import Bools, Floats
 
 BANDS = ("high", "along_x", "along_y")
 MAX_LEVELS = 6
@@ -29,11 +30,11 @@ MAX_LEVELS = 6
 class Kernels:
     """Correlation kernels: `high` and `oriented` 3x3 with zero sum, `low` 4x4 with unit sum."""
 
-    high: NDArray[np.float64]
-    oriented: NDArray[np.float64]  # odd in x; its transpose is odd in y
-    low: NDArray[np.float64]
+    high: Floats
+    oriented: Floats  # odd in x; its transpose is odd in y
+    low: Floats
 
-    def bands(self) -> tuple[NDArray[np.float64], ...]:
+    def bands(self) -> tuple[Floats, ...]:
         """The kernels of `BANDS`, in that order."""
         return self.high, self.oriented, self.oriented.T
 
@@ -42,8 +43,8 @@ class Kernels:
 class Pyramid:
     """`bands[k]`: (H_k, W_k, 3 bands, channels); `residual`: what lies below the last level."""
 
-    bands: tuple[NDArray[np.float64], ...]
-    residual: NDArray[np.float64]
+    bands: tuple[Floats, ...]
+    residual: Floats
 
 
 @lru_cache(maxsize=1)
@@ -78,7 +79,7 @@ def analyse(image: NDArray[np.floating], levels: int, kernels: Kernels | None = 
     return Pyramid(tuple(bands), low)
 
 
-def synthesise(pyramid: Pyramid, kernels: Kernels | None = None) -> NDArray[np.float64]:
+def synthesise(pyramid: Pyramid, kernels: Kernels | None = None) -> Floats:
     """Put the bands together: every band passes its kernel again, mirrored.
 
     Mirroring turns analysis into its own inverse (Walton et al. 2021, section 3.4).
@@ -92,7 +93,7 @@ def synthesise(pyramid: Pyramid, kernels: Kernels | None = None) -> NDArray[np.f
     return image
 
 
-def band(image: NDArray[np.floating], kernel: NDArray[np.float64]) -> NDArray[np.float64]:
+def band(image: NDArray[np.floating], kernel: Floats) -> Floats:
     """Correlate (H, W, ...) with a 3x3 kernel of zero sum; exactly 0 on a constant."""
     padded = np.pad(image, ((1, 1), (1, 1)) + ((0, 0),) * (image.ndim - 2), mode="edge")
     height, width = image.shape[:2]
@@ -104,7 +105,7 @@ def band(image: NDArray[np.floating], kernel: NDArray[np.float64]) -> NDArray[np
     return total
 
 
-def halve(image: NDArray[np.floating], kernels: Kernels | None = None) -> NDArray[np.float64]:
+def halve(image: NDArray[np.floating], kernels: Kernels | None = None) -> Floats:
     """Low-pass (H, W, ...) and keep every second pixel: (ceil(H / 2), ceil(W / 2), ...).
 
     The 4x4 taps lie evenly around the centre of the 2x2 pixels that one result covers.
@@ -127,7 +128,7 @@ def halve(image: NDArray[np.floating], kernels: Kernels | None = None) -> NDArra
 
 def double(
     coarse: NDArray[np.floating], size: tuple[int, int], kernels: Kernels | None = None
-) -> NDArray[np.float64]:
+) -> Floats:
     """Bring a level up to twice its size: the transpose of `halve`, with gain 4."""
     low = (kernels or fitted_kernels()).low
     (near_y, far_y), (near_x, far_x) = (
@@ -152,9 +153,7 @@ def _children(length: int) -> NDArray[np.intp]:
     return np.asarray(np.clip(first[:, None] + np.arange(4), 0, length - 1))
 
 
-def spoiled_levels(
-    hole: NDArray[np.bool_], levels: int, mixed: NDArray[np.bool_] | None = None
-) -> list[NDArray[np.bool_]]:
+def spoiled_levels(hole: Bools, levels: int, mixed: Bools | None = None) -> list[Bools]:
     """Tell, level by level, which coefficients can depend on a hole pixel.
 
     Parameters
@@ -182,14 +181,14 @@ def spoiled_levels(
     return spoiled
 
 
-def range_below(array: NDArray[np.float64]) -> NDArray[np.float64]:
+def range_below(array: Floats) -> Floats:
     """Largest less smallest value among the 4x4 taps that `halve` averages."""
     rows, columns = _children(array.shape[0]), _children(array.shape[1])
     taps = array[rows][:, :, columns]
     return np.asarray(taps.max(axis=(1, 3)) - taps.min(axis=(1, 3)))
 
 
-def grow(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+def grow(mask: Bools, radius: int) -> Bools:
     """Dilate a mask by a square of 2 * radius + 1 pixels."""
     padded = np.pad(mask, radius)
     height, width = mask.shape

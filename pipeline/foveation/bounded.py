@@ -15,12 +15,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
-
-Floats = NDArray[np.float64]
+from pipeline.frame import Floats
 
 FREE, BOUND = 2.5, 1.5
 """Deviations from the nearest end: noise is normal beyond the first, bound within

@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.features.reference import band as plain_band
 from pipeline.features.reference import halve as plain_halve
-
-Floats = NDArray[np.float64]
+from pipeline.frame import Floats
 
 LEAST_EDGE = 8  # no halving of pictures whose longer edge is at most this
 

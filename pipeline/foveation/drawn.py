@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry, pixel_centres
-
-Floats = NDArray[np.float64]
+from pipeline.frame import Floats
 
 GAP_SHARE = 0.2
 """Of the ring's height: stroke and gap (ISO 8596)."""

@@ -38,6 +38,7 @@ from pipeline.foveation.panorama import by_charts
 from pipeline.foveation.picture_fixation import Picture, PictureFixation
 from pipeline.foveation.pooling import LAWS, PoolingParameters
 from pipeline.foveation.reference import blurred, finished
+from pipeline.frame import Floats
 from pipeline.noise.random_bits import Stream
 from pipeline.noise.tile import white_noise
 from protocols.disk.whole_file import whole_file
@@ -299,7 +300,7 @@ class PooledEnergies:
         return tools.pad(values[:, :, :, columns], (0, 0, *y), mode="replicate")
 
 
-def quadrature_pairs() -> list[NDArray[np.float64]]:
+def quadrature_pairs() -> list[Floats]:
     """G2 and H2 of Freeman and Adelson at 4 orientations, in turn: 9x9, of zero sum."""
     axis = SPACING * np.arange(-REACH, REACH + 1)
     x, y = axis[None, :], axis[:, None]
@@ -326,7 +327,7 @@ def _tensor(values: NDArray[Any]) -> Tensor:
     return torch.from_numpy(np.array(values, np.float32))  # a copy: what is given may be read-only
 
 
-def _kernel(kernel: NDArray[np.float64]) -> Tensor:
+def _kernel(kernel: Floats) -> Tensor:
     return _tensor(kernel.astype(np.float32))[None, None]
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import Floats
 
-Floats: TypeAlias = NDArray[np.float64]
 Ray: TypeAlias = tuple[float, float, float]
 
 WIDEST_FLAT_DEG = 180.0

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.features.reference import fitted_kernels
 from pipeline.foveation.geometry import Geometry, check_gaze, eccentricity_deg, pixel_centres
 from pipeline.foveation.pooling import Pooling
-
-Floats = NDArray[np.float64]
+from pipeline.frame import Floats
 
 FADE_SHARE = 0.25
 """Of the fovea's radius: over it what is changed fades in."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import Floats
 from pipeline.noise.mixing import fitted_mixing
 from pipeline.noise.tile import (
     TILE,
@@ -28,7 +29,6 @@ from pipeline.noise.tile import (
     white_steps,
 )
 
-Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]
 """Steps of `GRAIN` are exact in it."""
 

@@ -30,6 +30,7 @@ from pipeline.foveation.picture_pass import (
     weight_layers,
 )
 from pipeline.foveation.pooled_moments import moment_chain, power_chain
+from pipeline.frame import Floats
 from pipeline.gl.fragment import fragment_of
 from pipeline.gl.shader import Constant, flatten
 from pipeline.noise.gpu import (
@@ -215,7 +216,7 @@ def page_passes(
 
 
 def _pull(page: PagePasses, levels: int, deepest: int, count: int, chroma: bool) -> None:
-    pulled: dict[str, NDArray[np.float64]] = {}
+    pulled: dict[str, Floats] = {}
     lows = chain_of(as_floats(page.source).astype(np.float64), count, wraps=False)
     for r in range(1, deepest + 1):
         pulled[f"lows_{r}"] = np.pad(lows[r], ((0, 0), (0, 0), (0, 1)))[None]

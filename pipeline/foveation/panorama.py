@@ -26,6 +26,7 @@ from pipeline.foveation.geometry import (
 )
 from pipeline.foveation.picture_fixation import Picture, PictureFixation
 from pipeline.foveation.sphere import BELT_DEG, cap_shares
+from pipeline.frame import Floats
 
 SEEN_DEG = 35.0
 """Latitude to which the picture of a pole reaches, so that pools are whole where it counts."""
@@ -70,7 +71,7 @@ def cap_picture(picture: Picture, cap: CapGeometry) -> Picture:
     return np.clip(found, 0, 1).astype(np.float32)
 
 
-def seen_in(panorama: NDArray[np.floating], rays: NDArray[np.float64]) -> NDArray[np.float64]:
+def seen_in(panorama: NDArray[np.floating], rays: Floats) -> Floats:
     """Colours of a panorama (h, 2 h, 3) in directions (..., 3), cubic between its pixels."""
     height, width = panorama.shape[:2]
     x, y = EquirectangularGeometry(width, height).positions(rays)
@@ -106,7 +107,7 @@ def cap_gaze_px(
     return float(x), float(y)
 
 
-def _cap_shift_px(fixation: PictureFixation, cap: CapGeometry) -> NDArray[np.float64]:
+def _cap_shift_px(fixation: PictureFixation, cap: CapGeometry) -> Floats:
     """Motion of surfaces in the picture of a pole: (edge, edge, 2), x first, pixels."""
     geometry, shift = fixation.geometry, fixation.noise_shift_px
     assert shift is not None

@@ -18,14 +18,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import fitted_kernels
 from pipeline.foveation.chain import band, chain_of, enlarge, halve, halve_box, select
 from pipeline.foveation.lod import Pools, halving_variance
-
-Floats = NDArray[np.float64]
+from pipeline.frame import Floats
 
 BLOCK_HALVINGS = 2  # a block is 4x4 pixels
 # First moments are means of 2x2 coefficients, of variance 1/4, where a pool of the same level of

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Literal, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import Floats
 from protocols.errors import must_be_one_of
 
 FWHM = 2.354820045
@@ -100,7 +100,7 @@ class Pooling:
         """Power of the eccentricity: 1, or 2 with law ``quadratic``."""
         return 2 if self.law == "quadratic" else 1
 
-    def sigma_deg(self, eccentricity_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sigma_deg(self, eccentricity_deg: Floats) -> Floats:
         """Deviation in degrees, of the shape of `eccentricity_deg`."""
         beyond = np.maximum(eccentricity_deg, self.fovea_deg) ** (2 * self.power)
         return np.asarray(self.slope * np.sqrt(beyond - self.fovea_deg ** (2 * self.power)))

@@ -23,10 +23,9 @@ from pipeline.foveation.noise_plane import noise_plane
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, WantedMoments, wanted_by_blocks
 from pipeline.foveation.settings import MetamerSettings
 from pipeline.foveation.sphere import noise_strength
+from pipeline.frame import Floats
 from pipeline.noise.gains import spectral_gains
 from pipeline.noise.mixing import fitted_mixing
-
-Floats = NDArray[np.float64]
 
 AIM = 1.0
 """Of the noise's deviation over the one that was pooled; fills ask for more, see mixing.AIM."""

@@ -15,11 +15,9 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.frame import Floats
 from pipeline.noise.random_bits import Bits, pcg3d
-
-Floats = NDArray[np.float64]
 
 BELT_DEG, CAP_DEG = 45.0, 55.0
 """Up to the first latitude a panorama is itself, from the second on the picture of its pole."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry, check_gaze
+from pipeline.frame import Floats
 
 
 @dataclass(frozen=True)
@@ -103,9 +104,7 @@ def _is_found(eye_px: tuple[float, float]) -> bool:
     return all(map(math.isfinite, eye_px))
 
 
-def carried(
-    shift_px: NDArray[np.floating] | None, flow_px: NDArray[np.floating]
-) -> NDArray[np.float64]:
+def carried(shift_px: NDArray[np.floating] | None, flow_px: NDArray[np.floating]) -> Floats:
     """Add one frame's motion to how far noise has been carried.
 
     Parameters

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pipeline.foveation.geometry import Equirectangular, Flat, FlatGeometry, pixel_centres
 from pipeline.foveation.noise_plane import tile_edge
 from pipeline.foveation.panorama import seen_in
+from pipeline.frame import Floats
 
 SCORED_DEG = 90.0
 """Width and height of the view in which panoramas are scored."""
@@ -78,7 +79,7 @@ def samples_of(geometry: FlatGeometry, panorama_width_px: int) -> int:
 
 def anchored_shift_px(
     geometry: FlatGeometry, *, right_deg: float = 0.0, down_deg: float = 0.0
-) -> NDArray[np.float64]:
+) -> Floats:
     """Shift of each pixel of a view to noise that lies on directions: `noise_shift_px`, (H, W, 2).
 
     At 45 degrees of latitude, where what lies along parallels meets what lies around a pole, noise
@@ -130,7 +131,7 @@ def around_gaze(
     )
 
 
-def turn(right_deg: float, down_deg: float) -> NDArray[np.float64]:
+def turn(right_deg: float, down_deg: float) -> Floats:
     """The rotation that takes (0, 0, 1) to that direction; level stays level."""
     right, down = math.radians(right_deg), math.radians(down_deg)
     nod = np.array(

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import grow, parents
+from pipeline.frame import Bools, Floats
 from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
 
 ONLY_NEARER = -1.0
@@ -32,9 +33,9 @@ RELAXED_RESOLUTIONS = 6
 class GuidedLevel:
     """One level of a guided pyramid."""
 
-    values: NDArray[np.float64]  # (H, W, n)
-    validity: NDArray[np.float64]  # (H, W)
-    guide: NDArray[np.float64]  # (H, W)
+    values: Floats  # (H, W, n)
+    validity: Floats  # (H, W)
+    guide: Floats  # (H, W)
 
 
 def nearest_depth_m(depth_m: NDArray[np.floating]) -> float:
@@ -43,7 +44,7 @@ def nearest_depth_m(depth_m: NDArray[np.floating]) -> float:
     return nearest if np.isfinite(nearest) else 1.0
 
 
-def guide_from_depth(depth_m: NDArray[np.floating], z_near_m: float) -> NDArray[np.float64]:
+def guide_from_depth(depth_m: NDArray[np.floating], z_near_m: float) -> Floats:
     """Map depth to [0, 1]: 0 at `z_near_m` (finite; and nearer), 1 at infinity."""
     return np.asarray(np.maximum(0.0, 1.0 - z_near_m / depth_m.astype(np.float64)))
 
@@ -80,9 +81,7 @@ def push(fine: GuidedLevel, coarse: GuidedLevel, gamma: float, threshold: float)
     return GuidedLevel(values, fine.validity, fine.guide)
 
 
-def interpolate(
-    coarse: GuidedLevel, guide: NDArray[np.float64], threshold: float
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def interpolate(coarse: GuidedLevel, guide: Floats, threshold: float) -> tuple[Floats, Bools]:
     """Interpolate a level bilinearly at twice its size, guided by depth; see `guided_mean`."""
     rows, columns = (
         parents(length, coarse.guide.shape[axis]) for axis, length in enumerate(guide.shape)
@@ -95,10 +94,10 @@ def guided_mean(
     coarse: GuidedLevel,
     rows: Sequence[NDArray[np.intp]],
     columns: Sequence[NDArray[np.intp]],
-    shares: NDArray[np.float64],
-    guide: NDArray[np.float64],
+    shares: Floats,
+    guide: Floats,
     threshold: float,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+) -> tuple[Floats, Bools]:
     """Average four neighbours of a coarse level, those of the pixel's own depth only.
 
     Where none is within the threshold of its depth, those that are not nearer; where all
@@ -158,7 +157,7 @@ def relax(level: GuidedLevel, gamma: float, threshold: float) -> GuidedLevel:
     return GuidedLevel(values, level.validity, level.guide)
 
 
-def _neighbours(array: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def _neighbours(array: Floats) -> list[Floats]:
     """Neighbours of each pixel to the left, right, above and below; borders repeat."""
     height, width = array.shape[:2]
     rows, columns = np.arange(height), np.arange(width)
@@ -187,9 +186,7 @@ def pull_push(
     return levels
 
 
-def near_a_hole(
-    hole: NDArray[np.bool_], cell_resolution: int, rings: int, tile_resolution: int
-) -> NDArray[np.bool_]:
+def near_a_hole(hole: Bools, cell_resolution: int, rings: int, tile_resolution: int) -> Bools:
     """Return True for pixels near a hole, in cells of the pyramid (region.py).
 
     Those are whole cells of `tile_resolution` that overlap a cell of `cell_resolution` within
@@ -203,7 +200,7 @@ def near_a_hole(
     return tiles.repeat(tile, axis=0).repeat(tile, axis=1)[:height, :width]
 
 
-def _blocks(mask: NDArray[np.bool_], edge: int) -> NDArray[np.bool_]:
+def _blocks(mask: Bools, edge: int) -> Bools:
     """Return True for squares of `edge` pixels that hold a True."""
     height, width = mask.shape
     rows, columns = -(-height // edge), -(-width // edge)
@@ -214,8 +211,8 @@ def _blocks(mask: NDArray[np.bool_], edge: int) -> NDArray[np.bool_]:
 
 def guided_base(
     colour: NDArray[np.floating],
-    hole: NDArray[np.bool_],
-    guide: NDArray[np.float64],
+    hole: Bools,
+    guide: Floats,
     *,
     levels: int,
     gamma: float,
@@ -234,7 +231,7 @@ def guided_base(
     return pull_push(level, gamma, threshold, RELAXED_RESOLUTIONS)
 
 
-def children(array: NDArray[np.float64]) -> NDArray[np.float64]:
+def children(array: Floats) -> Floats:
     """(H, W, ...) to (ceil(H / 2), ceil(W / 2), 4, ...); odd borders repeat."""
     height, width = array.shape[:2]
     rows = np.minimum(2 * np.arange((height + 1) // 2)[:, None] + np.arange(2), height - 1)
@@ -244,7 +241,7 @@ def children(array: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def _mean(values: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+def _mean(values: Floats, weight: Floats) -> Floats:
     total = weight.sum(axis=2)
     summed = (weight[..., None] * values).sum(axis=2)
     known = total[..., None] > 0

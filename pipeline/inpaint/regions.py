@@ -48,6 +48,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import Bools
 from pipeline.gl.compute import Resource, Shader
 from pipeline.gl.passes import Pass
 from pipeline.inpaint.region import (
@@ -252,7 +253,7 @@ class WorkLists(Pass):
         packed = self._read(self._entries)[item.first : item.first + count]
         return np.stack([packed >> 14 & 0x3FFF, packed & 0x3FFF, packed >> 28], axis=-1)
 
-    def active_tiles(self, key: RegionKey) -> NDArray[np.bool_]:
+    def active_tiles(self, key: RegionKey) -> Bools:
         """Tiles of a region that were in it in the last frame: bool (rows, columns). Reads back."""
         item = self._regions[key]
         flags = self._read(self._active)[item.first : item.first + item.tiles]

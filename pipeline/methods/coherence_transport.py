@@ -1,9 +1,8 @@
 """`coherence-transport`: edges of the background go on in its holes."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.frame import WarpedFrame
+from pipeline.frame import Floats, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.in_numpy import InNumpy
 from pipeline.methods.on_gpu import Guided
@@ -37,7 +36,7 @@ class CoherenceTransport(Guided[TransportPass]):
             ),
         )
 
-    def _filled(self, warped: WarpedFrame) -> NDArray[np.float64]:
+    def _filled(self, warped: WarpedFrame) -> Floats:
         nearest_m = self._nearest_m(warped)
         return transport_fill(warped, self._settings, z_near_m=nearest_m).colour
 

@@ -3,11 +3,9 @@
 from typing import Any
 
 import moderngl
-import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.frame import WarpedFrame
+from pipeline.frame import Floats, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.reference import guide_from_depth, guided_base
@@ -79,7 +77,7 @@ class PushPullDepth(Guided[GuidedBasePass]):
         """Return the numpy twin of this method with its parameters."""
         return InNumpy(self._filled)
 
-    def _filled(self, warped: WarpedFrame, seed: int) -> NDArray[np.float64]:  # noqa: ARG002
+    def _filled(self, warped: WarpedFrame, seed: int) -> Floats:  # noqa: ARG002
         guide = guide_from_depth(warped.depth_m, self._nearest_m(warped))
         return guided_base(
             warped.colour, warped.hole, guide,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.frame import WarpedFrame
+from pipeline.frame import Floats, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.in_numpy import InNumpy
 from pipeline.methods.on_gpu import OnGpu
@@ -73,6 +73,6 @@ class WeightedPullPush(_ColourOnly):
 
 
 def _by(
-    twin: Callable[[NDArray[np.floating]], NDArray[np.float64]],
-) -> Callable[[WarpedFrame, int], NDArray[np.float64]]:
+    twin: Callable[[NDArray[np.floating]], Floats],
+) -> Callable[[WarpedFrame, int], Floats]:
     return lambda warped, _seed: twin(np.dstack([warped.colour, ~warped.hole]))

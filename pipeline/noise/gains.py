@@ -9,6 +9,7 @@ Twin: spectral_gains.glsl. Change both or neither.
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.frame import Floats
 from pipeline.noise.mixing import fitted_mixing, measured_variances
 
 # Over what a plane asks for: in holes, variances fall towards the border.
@@ -29,11 +30,11 @@ STEPS = 2
 
 
 def spectral_gains(
-    variances: NDArray[np.float64],
-    overlap: NDArray[np.float64],
+    variances: Floats,
+    overlap: Floats,
     *,
     aim: float = AIM,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Factors on deviations, so that mixed bands measure what they are asked for.
 
     A fixed-point iteration of `STEPS`: each multiplies by the deviation asked for over the one
@@ -87,7 +88,7 @@ def gain_constants(levels: int, *, aim: float) -> dict[str, int | float | tuple[
 _PARTS = np.array([[1, 0, 0], [0, 0.5, 0.5], [0, 0.5, -0.5]])
 
 
-def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
+def overlap_by_levels(overlap: Floats) -> NDArray[np.float32]:
     """`Mixing.overlap` as spectral_gains.glsl reads it: by high bands, sums and differences of
     oriented ones.
 
@@ -129,7 +130,7 @@ def overlap_by_levels(overlap: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.stack(rows, axis=1).astype(np.float32)
 
 
-def together_by_levels(together: NDArray[np.float64]) -> NDArray[np.float32]:
+def together_by_levels(together: Floats) -> NDArray[np.float32]:
     """`Mixing.together` as spectral_gains.glsl reads it: (pairs, 5).
 
     For each two levels i <= j a number for products of the high bands, of the high band of i and

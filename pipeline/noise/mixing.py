@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import BANDS, check_levels
+from pipeline.frame import Floats
 
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1))  # (row, column)
 
@@ -28,9 +29,9 @@ class Mixing:
     `lag_correlation` (levels, 3, len(LAGS)): of mixed bands, see `tile.look_up`.
     """
 
-    matrix: NDArray[np.float64]
-    overlap: NDArray[np.float64]
-    together: NDArray[np.float64]
+    matrix: Floats
+    overlap: Floats
+    together: Floats
     lag_correlation: NDArray[np.float32]
 
 
@@ -60,18 +61,18 @@ def fitted_mixing(levels: int) -> Mixing:
     )
 
 
-def overlaps(covariances: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def overlaps(covariances: Floats, matrix: Floats) -> Floats:
     """Variances that mixed bands measure, from those of unit bands: both (B, B, B)."""
     return np.asarray(matrix.T @ covariances @ matrix)
 
 
-def packed(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
+def packed(covariances: Floats) -> Floats:
     """Upper halves of symmetric matrices: (B, B, B) to (B, B * (B + 1) / 2)."""
     rows, columns = np.triu_indices(len(covariances))
     return np.asarray(covariances[:, rows, columns])
 
 
-def unpacked(halves: NDArray[np.float64]) -> NDArray[np.float64]:
+def unpacked(halves: Floats) -> Floats:
     """Undo `packed`."""
     count = len(halves)
     rows, columns = np.triu_indices(count)
@@ -80,9 +81,7 @@ def unpacked(halves: NDArray[np.float64]) -> NDArray[np.float64]:
     return whole
 
 
-def measured_variances(
-    wanted: NDArray[np.float64], overlap: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def measured_variances(wanted: Floats, overlap: Floats) -> Floats:
     """Variances of mixed bands weighed by deviations `wanted`, (..., B), on an endless plane."""
     count = len(overlap)
     rows = wanted.reshape(-1, count)

@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import fitted_kernels
+from pipeline.frame import Floats
 from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.random_bits import Stream, key_of, pcg3d
 
@@ -79,7 +80,7 @@ def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
     return noise
 
 
-def mixed_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDArray[np.float64]:
+def mixed_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> Floats:
     """Mix the unit bands of one seed: (levels, 3 bands, channels, edge, edge).
 
     Band b is the sum of all unit bands c times ``matrix[c, b]``: so weights mixed by the
@@ -93,7 +94,7 @@ def mixed_bands(seed: int, levels: int, channels: int, edge: int = TILE) -> NDAr
     return found.reshape(levels, 3, channels, edge, edge)
 
 
-def mixed(bands: Steps) -> Iterator[NDArray[np.float64]]:
+def mixed(bands: Steps) -> Iterator[Floats]:
     """Mix bands as `split` gives them: each mixed band, (channels, H, W), of unit variance."""
     levels, _, channels, height, width = bands.shape
     rows = bands.reshape(3 * levels, channels, height, width)
@@ -113,7 +114,7 @@ def mixed(bands: Steps) -> Iterator[NDArray[np.float64]]:
         yield found * MIXED_STEP
 
 
-def unit(band: Steps) -> NDArray[np.float64]:
+def unit(band: Steps) -> Floats:
     """A band, (H, W), as a part of its own deviation."""
     return np.asarray(band / np.sqrt(max(square_sum(band) / band.size, 1.0)))
 
@@ -138,7 +139,7 @@ def square_sum(band: Steps) -> int:
     return int(steps @ steps)
 
 
-def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+def between(tile: Floats, axis: int) -> Floats:
     """Put a texel halfway between any two along `axis`: the periodic tile moved by half a texel.
 
     Every frequency keeps its amplitude, but the highest, which has no value there.
@@ -155,7 +156,7 @@ def between(tile: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
 
 def white_noise(
     seed: int, size: tuple[int, int], channels: int, stream: Stream = Stream.BANDS
-) -> NDArray[np.float64]:
+) -> Floats:
     """Make white noise of unit variance, the same on every platform: (H, W, channels)."""
     return np.moveaxis(white_steps(seed, size, channels, stream), 0, -1) / WHITE_DEVIATION
 
@@ -208,7 +209,7 @@ class NoiseTaps:
     raising: Steps
 
 
-def softening() -> NDArray[np.float64]:
+def softening() -> Floats:
     """The low-pass there and back: (7, 7)."""
     low = fitted_kernels().low
     return _spread(low, low)
@@ -226,7 +227,7 @@ def noise_taps() -> NoiseTaps:
     )
 
 
-def _spread(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+def _spread(first: Floats, second: Floats) -> Floats:
     """Convolve two kernels."""
     height, width = second.shape
     found = np.zeros(np.add(first.shape, second.shape) - 1)
@@ -235,7 +236,7 @@ def _spread(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[
     return found
 
 
-def _whole(kernel: NDArray[np.float64]) -> Steps:
+def _whole(kernel: Floats) -> Steps:
     return np.rint(2.0**TAP_BITS * kernel).astype(np.int32)
 
 
@@ -270,7 +271,7 @@ def _raise(coarse: Steps, fine: Steps, taps: Steps) -> None:
             fine[..., row::2, column::2] = _filtered(coarse, own)
 
 
-def look_up(noise: NoiseBands, level: int, anchor_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def look_up(noise: NoiseBands, level: int, anchor_px: Floats) -> Floats:
     """Read one level's noise between texels without losing variance: (H, W, 3, channels).
 
     Bilinear weights w lower the variance to ``sum_ab w_a w_b R(a - b)``; dividing by its

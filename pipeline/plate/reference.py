@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frame import WarpedFrame
+from pipeline.frame import Bools, Floats, Ints, WarpedFrame
 
 SUBPIXELS = 256  # motion is taken in so many parts of a pixel, as the warp gives it
 
@@ -25,8 +25,6 @@ WHOLE = SUBPIXELS**2  # bilinear shares sum to this
 READ_SHARE = WHOLE // 2  # a place counts as kept if texels of more of its share are
 WRITE_SHARE = 3 * WHOLE // 10  # a texel is written if hole pixels of more of its share are near
 COLOUR_STEPS = 1 << 15  # of a kept colour: a share of it fits 32 bits
-
-Ints = NDArray[np.int64]
 
 
 def margin_px(size: tuple[int, int]) -> int:
@@ -49,7 +47,7 @@ class KeptFills:
 
     def __init__(
         self,
-        fill: Callable[[WarpedFrame, NDArray[np.float64]], NDArray[np.float32]],
+        fill: Callable[[WarpedFrame, Floats], NDArray[np.float32]],
         depth_threshold: float,
         *,
         weight: float = 1.0,
@@ -89,7 +87,7 @@ class SourcePlate:
         self._depth_m = np.zeros((0, 0), np.float32)  # 0: nothing is kept
         self._margin = 0
 
-    def recall(self, warped: WarpedFrame) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+    def recall(self, warped: WarpedFrame) -> tuple[Bools, NDArray[np.float32]]:
         """Mask of a view's hole pixels, (N,), filled before; and their colours, (N, 3)."""
         if not self._depth_m.size:
             self._begin(warped.size)
@@ -128,7 +126,7 @@ class SourcePlate:
     def _keep(
         self,
         colour: NDArray[np.float32],
-        hole: NDArray[np.bool_],
+        hole: Bools,
         pixel: Ints,
         place: Ints,
         depth_m: NDArray[np.float32],
@@ -177,7 +175,7 @@ def _around(place: Ints) -> list[tuple[Ints, Ints]]:
 
 def _within(
     place: Ints, shape: tuple[int, ...]
-) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], NDArray[np.bool_]]:
+) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], Bools]:
     """Clamp whole places into an array; and tell which lay inside."""
     inside = np.asarray(((place >= 0) & (place < np.array(shape))).all(axis=1))
     clamped = place.clip(0, np.array(shape) - 1)

@@ -22,7 +22,7 @@ from pipeline.features.reference import (
     halve,
     synthesise,
 )
-from pipeline.frame import WarpedFrame, check_some_known
+from pipeline.frame import Floats, Ints, WarpedFrame, check_some_known
 from pipeline.inpaint.reference import GuidedLevel, children, guide_from_depth, pull
 from pipeline.printed.noise import TILE, printed_noise
 from pipeline.printed.settings import PrintedSettings
@@ -36,10 +36,10 @@ PARTLY = -1.0  # state of what is known in part
 class PrintedFill:
     """A fill and what led to it; level k has shape (ceil(H / 2^k), ceil(W / 2^k), ...)."""
 
-    colour: NDArray[np.float64]  # (H, W, 3), the result, encoded, in [0, 1]
-    means: tuple[NDArray[np.float64], ...]  # (..., 3 bands, 3 channels)
-    deviations: tuple[NDArray[np.float64], ...]  # the same
-    residual: NDArray[np.float64]  # Y', Cb, Cr
+    colour: Floats  # (H, W, 3), the result, encoded, in [0, 1]
+    means: tuple[Floats, ...]  # (..., 3 bands, 3 channels)
+    deviations: tuple[Floats, ...]  # the same
+    residual: Floats  # Y', Cb, Cr
 
 
 def printed_fill(
@@ -91,7 +91,7 @@ def printed_fill(
     return PrintedFill(colour, tuple(means), tuple(deviations), residual)
 
 
-def features(low: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
+def features(low: Floats, state: Floats) -> Floats:
     """Measure a level's bands and their squares, band by band: (H, W, 3 bands * 6).
 
     What reaches a hole is not valid, and counts for nothing ([MI] 3.2, Fig. 7).
@@ -101,9 +101,7 @@ def features(low: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np
     return np.concatenate([bands, bands**2], axis=-1).reshape(*bands.shape[:2], -1)
 
 
-def half(
-    low: NDArray[np.float64], state: NDArray[np.float64], guide: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def half(low: Floats, state: Floats, guide: Floats) -> tuple[Floats, Floats, Floats]:
     """Low-pass and halve what is known, by normalised convolution ([MI] 3.2).
 
     `state` is 1 where a pixel is known, 0 where nothing is, and `PARTLY` where some of what it
@@ -119,9 +117,7 @@ def half(
     return np.where(some[..., None], mean, 0.0), ahead, farthest
 
 
-def residual_level(
-    low: NDArray[np.float64], state: NDArray[np.float64], pulled: GuidedLevel
-) -> GuidedLevel:
+def residual_level(low: Floats, state: Floats, pulled: GuidedLevel) -> GuidedLevel:
     """Return the residual to be inpainted: the low-pass where all of it is known.
 
     Elsewhere it would mix the foreground in, and at this resolution whole holes would vanish. There
@@ -132,7 +128,7 @@ def residual_level(
     return GuidedLevel(values, np.where(whole, 1.0, pulled.validity), pulled.guide)
 
 
-def inpainted(level: GuidedLevel, gamma: float, threshold: float) -> NDArray[np.float64]:
+def inpainted(level: GuidedLevel, gamma: float, threshold: float) -> Floats:
     """Pull to 1x1 and push back ([MI] Alg. 1).
 
     Where the farthest of all is nowhere known, what is nearer stands in at validity 0, so that it
@@ -147,7 +143,7 @@ def inpainted(level: GuidedLevel, gamma: float, threshold: float) -> NDArray[np.
     return values
 
 
-def push(fine: GuidedLevel, below: NDArray[np.float64], gamma: float) -> NDArray[np.float64]:
+def push(fine: GuidedLevel, below: Floats, gamma: float) -> Floats:
     """Complete `fine` with the coarser `below`: ``mix(below, fine, validity ** gamma)``."""
     known = fine.validity > 0
     share = np.where(known, np.abs(fine.validity) ** gamma, 0.0)[..., None]
@@ -155,7 +151,7 @@ def push(fine: GuidedLevel, below: NDArray[np.float64], gamma: float) -> NDArray
     return np.asarray(share * fine.values + (1 - share) * coarse)
 
 
-def noise_texels(flow_px: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def noise_texels(flow_px: NDArray[np.float32]) -> tuple[Ints, Ints]:
     """Row and column of each pixel's noise: the nearest texel to where it came from (3.4.1).
 
     In float32 as the twin, so that both round alike. Beyond `ANCHOR_REACH_PX` noise stays on the
@@ -170,9 +166,7 @@ def noise_texels(flow_px: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArr
     return texel[..., 1], texel[..., 0]
 
 
-def at_pixels(
-    values: NDArray[np.float64], size: tuple[int, int], level: int
-) -> NDArray[np.float64]:
+def at_pixels(values: Floats, size: tuple[int, int], level: int) -> Floats:
     """Interpolate a level bilinearly at the centres of full-size pixels, borders repeated."""
     result = values
     for axis, length in enumerate(size):

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import Floats
 
 
-def pull(fine: NDArray[np.floating]) -> NDArray[np.float64]:
+def pull(fine: NDArray[np.floating]) -> Floats:
     """Average the known pixels of one level into the next coarser one.
 
     Parameters
@@ -38,7 +39,7 @@ def pull(fine: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.concatenate([mean, weight.clip(max=1.0)], axis=-1)
 
 
-def push(fine: NDArray[np.floating], coarse: NDArray[np.floating]) -> NDArray[np.float64]:
+def push(fine: NDArray[np.floating], coarse: NDArray[np.floating]) -> Floats:
     """Complete one level with the next coarser one.
 
     Parameters
@@ -61,7 +62,7 @@ def push(fine: NDArray[np.floating], coarse: NDArray[np.floating]) -> NDArray[np
     return np.concatenate([colour, weight + (1 - weight) * below[..., 3:]], axis=-1)
 
 
-def upsample(coarse: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
+def upsample(coarse: NDArray[np.floating], size: tuple[int, int]) -> Floats:
     """Interpolate `coarse` bilinearly at the pixel centres of a level of twice its size.
 
     Taps are 3/4 and 1/4 along each axis and repeat at the border.
@@ -75,7 +76,7 @@ def upsample(coarse: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.
     return result
 
 
-def push_pull(image: NDArray[np.floating]) -> NDArray[np.float64]:
+def push_pull(image: NDArray[np.floating]) -> Floats:
     """Fill the unknown pixels of an image of any size.
 
     Parameters

@@ -6,8 +6,8 @@ Twin: lacking.comp.glsl. Change both or neither.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.frame import Bools, Floats
 from pipeline.inpaint.reference import GuidedLevel, children
 from pipeline.statistics.moments import (
     chroma_slopes,
@@ -20,13 +20,13 @@ KNOWN_ENOUGH = 0.2
 
 
 def noise_variances(
-    values: NDArray[np.float64],
-    base_bands: NDArray[np.float64],
-    outlined: NDArray[np.bool_],
-    known: NDArray[np.float64],
+    values: Floats,
+    base_bands: Floats,
+    outlined: Bools,
+    known: Floats,
     *,
     cross: bool,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Variance of the noise to add: what the statistics ask for and the base lacks.
 
     The base is not smooth. Its energy about the wanted mean is subtracted, over the 2x2
@@ -67,7 +67,7 @@ def noise_variances(
     return lacking.reshape(*values.shape[:2], -1)
 
 
-def known_background(base: GuidedLevel, threshold: float) -> NDArray[np.float64]:
+def known_background(base: GuidedLevel, threshold: float) -> Floats:
     """Share of known background around each texel of the base, in a 3x3 binomial window.
 
     Confidence is the share of a texel's pixels that are known and of its depth. Neighbours

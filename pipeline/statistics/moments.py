@@ -1,7 +1,8 @@
 """Moments of bands, which travel together, and what they stand for."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pipeline.frame import Floats
 
 SMALLEST_VARIANCE = 1e-12  # below it a band is empty and no slope can be measured
 # A variance over the square of its mean magnitude, of a Laplace distribution, which photographs'
@@ -10,7 +11,7 @@ LAPLACE = 2.0
 PER_BAND = 5
 
 
-def moments(bands: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
+def moments(bands: Floats, *, cross: bool) -> Floats:
     """Make (H, W, bands, 3) into what is averaged: (H, W, bands * 5).
 
     Of luma itself, magnitude and square. Of each chroma the magnitude, or with `cross` the
@@ -22,7 +23,7 @@ def moments(bands: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
     return found.reshape(*bands.shape[:2], -1)
 
 
-def luma_moments(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def luma_moments(values: Floats) -> tuple[Floats, Floats]:
     """Give mean and variance of luma, each (H, W, bands), by means of `moments`.
 
     The variance is ``LAPLACE (E|X|^2 - E[X]^2)``: a ramp is no texture.
@@ -31,17 +32,17 @@ def luma_moments(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
     return mean, LAPLACE * np.maximum(0.0, magnitude**2 - mean**2)
 
 
-def chroma_slopes(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def chroma_slopes(values: Floats) -> Floats:
     """Return slopes of chroma along luma, ``E[Y C] / E[Y^2]``: (H, W, bands, 2); with `cross`."""
     square, product = np.split(_by_band(values)[..., 2:], [1], axis=-1)
     measurable = square > SMALLEST_VARIANCE
     return np.divide(product, square, out=np.zeros_like(product), where=measurable)
 
 
-def chroma_variances(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def chroma_variances(values: Floats) -> Floats:
     """Give variances of chroma by itself: (H, W, bands, 2); without `cross`."""
     return np.asarray(LAPLACE * _by_band(values)[..., 3:] ** 2)
 
 
-def _by_band(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _by_band(values: Floats) -> Floats:
     return values.reshape(*values.shape[:2], -1, PER_BAND)

@@ -9,10 +9,10 @@ Twin: gpu.py and moments.glsl. Change both or neither.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse, range_below, spoiled_levels
+from pipeline.frame import Bools, Floats
 from pipeline.inpaint.reference import GuidedLevel, near_a_hole, pull_push
 from pipeline.inpaint.region import STATISTICS_RINGS
 from pipeline.statistics.lacking import known_background, noise_variances
@@ -20,8 +20,8 @@ from pipeline.statistics.moments import moments
 
 
 def inpainted_statistics(
-    base: NDArray[np.float64],
-    hole: NDArray[np.bool_],
+    base: Floats,
+    hole: Bools,
     base_levels: list[GuidedLevel],
     *,
     levels: int,
@@ -62,9 +62,9 @@ def inpainted_statistics(
 
 
 def band_statistics(
-    bands: NDArray[np.float64],
-    valid: NDArray[np.bool_],
-    guide: NDArray[np.float64],
+    bands: Floats,
+    valid: Bools,
+    guide: Floats,
     *,
     cross: bool,
     gamma: float,
@@ -94,9 +94,7 @@ def band_statistics(
     return pull_push(level, gamma, threshold)[1]
 
 
-def outlined_levels(
-    guides: Sequence[NDArray[np.float64]], levels: int, threshold: float
-) -> list[NDArray[np.bool_]]:
+def outlined_levels(guides: Sequence[Floats], levels: int, threshold: float) -> list[Bools]:
     """Tell, level by level, which coefficients lie across a jump of depth.
 
     They measure an outline, not the background's texture.
@@ -115,7 +113,7 @@ def outlined_levels(
     return found
 
 
-def straddles(guide: NDArray[np.float64], threshold: float) -> NDArray[np.bool_]:
+def straddles(guide: Floats, threshold: float) -> Bools:
     """Return True where a 3x3 neighbourhood holds a jump of depth from its centre."""
     padded = np.pad(guide, 1, mode="edge")
     height, width = guide.shape

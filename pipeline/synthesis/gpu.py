@@ -6,9 +6,9 @@ bands, moments of every level pulled and pushed together, what is lacking, compo
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import Floats
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
 from pipeline.inpaint.gpu import GuidedBasePass
@@ -123,7 +123,7 @@ class MetamericPass(Pass):
         *,
         z_near_m: float,
         seed: int,
-        source_from_target: NDArray[np.float64] | None = None,
+        source_from_target: Floats | None = None,
     ) -> None:
         """Fill the holes of `frame.colour` in place; alpha stays as it is.
 

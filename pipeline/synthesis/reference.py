@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import rgb_from_ycbcr
-from pipeline.frame import WarpedFrame, check_some_known
+from pipeline.frame import Floats, WarpedFrame, check_some_known
 from pipeline.inpaint.reference import GuidedLevel, guide_from_depth, guided_base, guided_mean
 from pipeline.noise.tile import NoiseBands, look_up, noise_bands
 from pipeline.statistics.reference import inpainted_statistics
@@ -30,9 +30,9 @@ SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its o
 class MetamericFill:
     """A metameric fill and what led to it."""
 
-    colour: NDArray[np.float64]  # (H, W, 3), the result, encoded, in [0, 1]
-    base: NDArray[np.float64]  # (H, W, 3), before the noise
-    anchor_px: NDArray[np.float64]  # (H, W, 2), where each pixel's noise is looked up
+    colour: Floats  # (H, W, 3), the result, encoded, in [0, 1]
+    base: Floats  # (H, W, 3), before the noise
+    anchor_px: Floats  # (H, W, 2), where each pixel's noise is looked up
     statistics: tuple[GuidedLevel, ...]  # per level, at half its size: inpainted moments
     lacking: tuple[
         GuidedLevel, ...
@@ -45,7 +45,7 @@ def metameric_fill(
     *,
     seed: int,
     z_near_m: float,
-    source_from_target: NDArray[np.float64] | None = None,
+    source_from_target: Floats | None = None,
 ) -> MetamericFill:
     """Fill the holes of `warped` with a metamer of its background.
 
@@ -101,7 +101,7 @@ def metameric_fill(
     return MetamericFill(colour, base, anchor_px, tuple(statistics), tuple(lacking))
 
 
-def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float64]:
+def deviations(lacking: Floats, *, cross: bool) -> Floats:
     """Amplitude of the noise from its variance, (..., 3 channels).
 
     Variances are interpolated before their root is taken: the deviation falls to nothing at
@@ -114,11 +114,11 @@ def deviations(lacking: NDArray[np.float64], *, cross: bool) -> NDArray[np.float
 
 def shaped_noise(
     lacking: list[GuidedLevel],
-    guide: NDArray[np.float64],
-    anchor_px: NDArray[np.float64],
+    guide: Floats,
+    anchor_px: Floats,
     noise: NoiseBands,
     threshold: float,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Sum all bands' noise, weighted pixel by pixel: (H, W, 3), Y', Cb, Cr.
 
     Chroma that follows luma has luma's noise.
@@ -133,9 +133,7 @@ def shaped_noise(
     return total
 
 
-def sample(
-    coarse: GuidedLevel, guide: NDArray[np.float64], resolution: int, threshold: float
-) -> NDArray[np.float64]:
+def sample(coarse: GuidedLevel, guide: Floats, resolution: int, threshold: float) -> Floats:
     """Interpolate a level of `resolution` at all full-size pixels, guided by depth."""
     (*rows, fy), (*columns, fx) = (
         _taps(length, coarse.guide.shape[axis], resolution)
@@ -148,7 +146,7 @@ def sample(
 
 def _taps(
     length: int, coarse_length: int, resolution: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
     place = (np.arange(length) + 0.5) / (1 << resolution) - 0.5
     first = np.floor(place).astype(np.intp)
     last = coarse_length - 1
@@ -158,8 +156,8 @@ def _taps(
 def _anchors(
     warped: WarpedFrame,
     settings: MetamericSettings,
-    source_from_target: NDArray[np.float64] | None,
-) -> NDArray[np.float64]:
+    source_from_target: Floats | None,
+) -> Floats:
     height, width = warped.size
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     here = np.stack([x, y], axis=-1)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, fields
 from typing import Literal, SupportsIndex, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.features.reference import check_levels
+from pipeline.frame import Floats
 from protocols.errors import must_be_one_of
 
 Channels = Literal["correlated", "independent"]
@@ -36,7 +36,7 @@ def check_seed(seed: SupportsIndex) -> int:
     return value
 
 
-def check_source_from_target(matrix: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def check_source_from_target(matrix: Floats | None) -> Floats:
     """Return the matrix that ``anchor="camera"`` needs; see `camera.reprojection`.
 
     Raises

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from pipeline.foveation.chain import halve, halve_box
 from pipeline.foveation.pooled_moments import coefficient_moments
+from pipeline.frame import Floats
 from pipeline.textures.layout import MOMENTS, Layout
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.uint8] | NDArray[np.float16]
 Put = Callable[[int | None, int, int, Rows], None]
 """Takes rows of a plane: its level (None: colour), its halvings, the first row's number."""

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.frame import Bools
 from pipeline.textures.layout import Layout
 from pipeline.textures.reference import Fragments
 
 Key = tuple[int | None, int]
 """Level (None: colour) and halvings of a plane."""
-Mask = NDArray[np.bool_]
 
 COLOUR_BYTES = 4
 """Of a texel, as GPUs keep it."""
@@ -30,7 +30,7 @@ _CHUNK = 1 << 21  # fragments at a time
 class TextureFootprint:
     """Texels that a picture reads: a mask (h, w) for each plane of which it reads anything."""
 
-    masks: Mapping[Key, Mask]
+    masks: Mapping[Key, Bools]
 
     def bytes_of_texels(self, moment_bytes: int) -> int:
         """Bytes read, with so many bytes of moments a level and texel."""
@@ -56,7 +56,7 @@ def touched(layout: Layout, fragments: Fragments, *, noise: bool) -> TextureFoot
     """
     place = fragments.place_px.reshape(-1, 2)
     rho, eta = fragments.rho.ravel(), fragments.eta.ravel()
-    by_first: dict[int, dict[int, Mask]] = {}
+    by_first: dict[int, dict[int, Bools]] = {}
     for start in range(0, len(rho), _CHUNK):
         part = slice(start, start + _CHUNK)
         lod = np.clip(rho[part] + eta[part], 0, layout.halvings)
@@ -65,7 +65,7 @@ def touched(layout: Layout, fragments: Fragments, *, noise: bool) -> TextureFoot
         for value in np.unique(first).tolist():
             chosen = first == value
             _mark(by_first.setdefault(value, {}), layout, place[part][chosen], lod[chosen])
-    masks: dict[Key, Mask] = {}
+    masks: dict[Key, Bools] = {}
     for value, found in by_first.items():
         for r, mask in found.items():
             levels = range(value, r) if noise else ()
@@ -80,7 +80,7 @@ def saved(foveated: int, unfoveated: int) -> float:
 
 
 def _mark(
-    masks: dict[int, Mask],
+    masks: dict[int, Bools],
     layout: Layout,
     place: NDArray[np.floating],
     lod: NDArray[np.floating],
@@ -109,7 +109,7 @@ def _mark(
         masks[r] = masks[r] | folded if r in masks else folded
 
 
-def _folded(framed: Mask, *, wraps: bool) -> Mask:
+def _folded(framed: Bools, *, wraps: bool) -> Bools:
     """Look-ups beyond the border read the texels at it, or at the other side."""
     left, right = (-2, 1) if wraps else (1, -2)
     framed[:, left] |= framed[:, 0]
@@ -123,7 +123,7 @@ def _texel_bytes(key: Key, moment_bytes: int) -> int:
     return COLOUR_BYTES if key[0] is None else moment_bytes
 
 
-def _blocks(mask: Mask, rows: int, columns: int) -> Mask:
+def _blocks(mask: Bools, rows: int, columns: int) -> Bools:
     height, width = mask.shape
     padded = np.pad(mask, ((0, -height % rows), (0, -width % columns)))
     shape = padded.shape[0] // rows, rows, padded.shape[1] // columns, columns

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from pipeline.foveation.bounded import added
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.reference import rgb_slopes
+from pipeline.frame import Bools, Floats
 from pipeline.textures.bake import BakedTexture
 from pipeline.textures.surface_noise import SurfaceNoise, gains
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class Fragments:
     rho: Floats
     eta: Floats
 
-    def where(self, chosen: NDArray[np.bool_]) -> Fragments:
+    def where(self, chosen: Bools) -> Fragments:
         """Chosen fragments, in one row: arrays (N)."""
         return Fragments(self.place_px[chosen], self.rho[chosen], self.eta[chosen])
 

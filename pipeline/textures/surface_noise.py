@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, grained
+from pipeline.frame import Floats, Ints
 from pipeline.noise.gains import UNSEEN_VARIANCE
 from pipeline.noise.mixing import LAGS
 from pipeline.noise.tile import NoiseBands, between, look_up, split, unit, white_steps
 from pipeline.textures.layout import Layout
 
-Floats = NDArray[np.float64]
 Bytes = NDArray[np.int8]
 
 TILE = 256  # coefficients: beyond it noise repeats itself
@@ -44,7 +44,7 @@ class SurfaceNoise:
 
     tiles: tuple[Bytes, ...]
     tile_of_level: tuple[int, ...]
-    offset_px: NDArray[np.int64]
+    offset_px: Ints
     lag_correlation: NDArray[np.float32]
 
     def at(self, level: int, place_px: Floats) -> Floats:

@@ -29,7 +29,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frame import WarpedFrame
+from pipeline.frame import Bools, Floats, WarpedFrame
 from pipeline.inpaint.reference import guide_from_depth, guided_base
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.transport.settings import (
@@ -47,7 +47,6 @@ from pipeline.transport.settings import (
     TransportSettings,
 )
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 S = TypeVar("S", bound=np.generic)
@@ -109,10 +108,10 @@ def transport_fill(
 
 
 def shells(
-    hole: NDArray[np.bool_],
+    hole: Bools,
     guide: Floats,
     threshold: float,
-    worked: NDArray[np.bool_] | None = None,
+    worked: Bools | None = None,
 ) -> Ints:
     """Number the hole pixels of each surface by their distance from its known pixels: (H, W).
 
@@ -138,9 +137,7 @@ def shells(
     return shell
 
 
-def structure_tensors(
-    colour: Floats, hole: NDArray[np.bool_], guide: Floats, threshold: float
-) -> Floats:
+def structure_tensors(colour: Floats, hole: Bools, guide: Floats, threshold: float) -> Floats:
     """Average products of the known colour's gradients: (H, W, 3) of xx, xy, yy; 0 in holes.
 
     A gradient is half the difference of the two neighbours, along rows and columns, summed over
@@ -221,7 +218,7 @@ def coherence(tensor: Floats) -> Floats:
     return np.asarray(mu[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
-def near_around(colour: Floats, hole: NDArray[np.bool_], pixels: Ints) -> tuple[Floats, Floats]:
+def near_around(colour: Floats, hole: Bools, pixels: Ints) -> tuple[Floats, Floats]:
     """Return all that is near hole pixels, (N, 2), at any depth, and the share that the fill takes.
 
     Returns
@@ -245,7 +242,7 @@ def near_around(colour: Floats, hole: NDArray[np.bool_], pixels: Ints) -> tuple[
     return mean / np.maximum(total, 1e-9)[:, None], share
 
 
-def across_px(hole: NDArray[np.bool_], pixels: Ints) -> Ints:
+def across_px(hole: Bools, pixels: Ints) -> Ints:
     """Count the hole pixels in line through each of some, (N,): the fewer of row and column.
 
     At most `WIDE_PX`; beyond the frame's edge there are none.

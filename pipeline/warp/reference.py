@@ -18,7 +18,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.frame import Bools, Floats, Ints, SourceFrame, WarpedFrame
 from pipeline.warp.rim import without_rim
 from pipeline.warp.settings import SUBPIXELS, TargetWindow, WarpSettings, checked
 
@@ -26,9 +26,6 @@ RINGS = 2  # of vertices around the source pixels
 GUARD = 16384 * SUBPIXELS  # vertices farther out are not drawn
 REACH = 64 * SUBPIXELS  # how far beyond the window a torn quad's strips are looked for
 
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 

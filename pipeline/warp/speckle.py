@@ -11,14 +11,14 @@ Both twins of the warp are given what is mended here: there is no twin of this.
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.frame import Bools
+
 LEAST_ALIKE = 12  # pixels of the 7x7 around one, itself included, that bear it out
 WINDOW_PX = 3  # pixels this far along rows and columns are in the window
 WIDER_PX = (3, 6, 12)  # windows in which a mend is looked for, in turn
 SAME_SURFACE = 0.04  # steps of 1 - z_near / z up to this are of one surface
 NEAR_PERCENTILE = 1.0  # of depth, for z_near: outliers do not set it
 CHUNK = 1 << 14  # pixels whose windows are looked at in one go
-
-Bools = NDArray[np.bool_]
 
 
 def taken(

@@ -14,7 +14,7 @@ Twin: `PlatePass` of plate/gpu.py. Change both or neither.
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frame import WarpedFrame
+from pipeline.frame import Floats, WarpedFrame
 from pipeline.plate.reference import KeptFills
 from pipeline.weighted_pullpush.reference import weighted_pull_push
 
@@ -32,5 +32,5 @@ def recirculating(weight: float) -> KeptFills:
     return KeptFills(_filled, SAME_SURFACE, weight=weight, overwrites=True)
 
 
-def _filled(frame: WarpedFrame, weight: NDArray[np.float64]) -> NDArray[np.float32]:
+def _filled(frame: WarpedFrame, weight: Floats) -> NDArray[np.float32]:
     return weighted_pull_push(np.dstack([frame.colour, weight])).astype(np.float32)

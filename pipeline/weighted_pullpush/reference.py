@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import Floats
 from pipeline.pushpull.reference import upsample
 
 
-def reduce(fine: NDArray[np.floating]) -> NDArray[np.float64]:
+def reduce(fine: NDArray[np.floating]) -> Floats:
     """Average 2x2 pixels into one, each counting with its squared weight.
 
     Parameters
@@ -40,7 +41,7 @@ def reduce(fine: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.concatenate([colour, taps[..., 3:].mean(axis=(1, 3))], axis=-1)
 
 
-def expand(fine: NDArray[np.floating], coarse: NDArray[np.floating]) -> NDArray[np.float64]:
+def expand(fine: NDArray[np.floating], coarse: NDArray[np.floating]) -> Floats:
     """Blend one level with the next coarser one by the clamped ratio of squared weights.
 
     Parameters
@@ -63,7 +64,7 @@ def expand(fine: NDArray[np.floating], coarse: NDArray[np.floating]) -> NDArray[
     return np.asarray(share * fine + (1 - share) * below)
 
 
-def weighted_pull_push(image: NDArray[np.floating]) -> NDArray[np.float64]:
+def weighted_pull_push(image: NDArray[np.floating]) -> Floats:
     """Fill the unknown pixels of an image of any size.
 
     Parameters
