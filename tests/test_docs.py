@@ -275,6 +275,14 @@ def test_every_command_is_in_the_readme(repository):
     assert not missing, f"not in README.md: {missing}"
 
 
+def test_every_study_that_comes_along_is_in_the_readme(repository):
+    text = (repository / "README.md").read_text(encoding="utf-8")
+    names = [path.stem for path in (repository / "protocols/studies").glob("*.toml")]
+
+    assert {"demo", "live-detection"} <= set(names)
+    assert [name for name in names if f"`{name}`" not in text] == []
+
+
 def test_every_script_is_explained(repository):
     text = "".join(page.read_text(encoding="utf-8") for page in pages())
     scripts = [
