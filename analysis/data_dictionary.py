@@ -27,7 +27,7 @@ SESSION_COLUMNS = (
     Column("gaze_violations", "integer", "", "Gaze violations in main attempts"),
     Column("gaze_mean_deg", "number", "deg", "Mean angle between gaze and dot in main attempts"),
     Column("accuracy_deg", "number", "deg", "Worst accuracy of the session's calibrations"),
-    Column("resumed", "integer", "", "How often the session was resumed"),
+    Column("resumed", "integer", "", "Number of times that the session was resumed"),
     Column(
         "damaged_lines",
         "integer",
@@ -40,7 +40,7 @@ SESSION_COLUMNS = (
     Column("refresh_hz", "number", "Hz", "Refresh rate of the display"),
     Column("time_off_s", "number", "s", "Largest difference of a time from the study's; browsers"),
     Column("gaze_mode", "text", "", "enforce, warn, monitor or none"),
-    Column("timing_evidence", "text", "", "What vouches for the time stamps"),
+    Column("timing_evidence", "text", "", "Evidence for the time stamps"),
     Column("protocol_sha256", "text", "", "Hash of the protocol"),
     Column("stimuli_sha256", "text", "", "Hash of what decides the pixels"),
     Column("manifest_sha256", "text", "", "Hash of the clips' manifest"),

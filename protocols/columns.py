@@ -55,7 +55,7 @@ _ANSWERED = (
         "rt_s",
         "number",
         "s",
-        "From the onset of the answer phase to the key press",
+        "Time from the onset of the answer phase to the key press",
         (
             "rt",
             "rt_ms",
@@ -81,7 +81,7 @@ def attempted(condition: Sequence[Column], answer: Sequence[Column]) -> tuple[Co
         *_REPEAT,
         *condition,
         Column("outcome", "text", "", "completed or void"),
-        Column("void_reason", "text", "", "Why the attempt was void"),
+        Column("void_reason", "text", "", "Reason for which the attempt was void"),
         *answer,
         *_ANSWERED,
         Column("at", "text", "UTC", "Wall clock at the end of the attempt"),
@@ -107,7 +107,7 @@ def decided(condition: Sequence[Column], answer: Sequence[Column]) -> tuple[Colu
         *answer,
         *_ANSWERED,
         Column("included", "0/1", "", "1: used in the analysis"),
-        Column("exclusion", "text", "", "Why the decision is not used; empty: it is"),
+        Column("exclusion", "text", "", "Reason why the decision is not used; empty: it is"),
     )
 
 

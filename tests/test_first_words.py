@@ -22,6 +22,7 @@ VERBS = "return|yield|say|tell|give|compute"  # in packages: "Return what it is"
 HEADLESS = re.compile(rf"\s*{WORDS}", re.IGNORECASE)
 NAMELESS = re.compile(rf"\s*(?:(?:{VERBS})s?\s+)?{WORDS}", re.IGNORECASE)
 SUSPECT = re.compile(f"[\"']{NAMELESS.pattern}", re.IGNORECASE)  # of these alone we read the syntax
+TITLED = {"Column", "FileColumn", "TableBlock.each", "TableBlock.of"}  # what readers see
 COMMENT = re.compile(rf"(?://|\s*/\*\*) (?:{HEADS.title()})\b")
 
 
@@ -36,8 +37,12 @@ def text_of(node: ast.AST) -> str | None:
 
 
 def first_texts(source: str) -> Iterator[tuple[int, str]]:
-    """Yield line and text of every docstring, text below an attribute, and ``help=``."""
+    """Yield line and text of docstrings, below attributes, of ``help=``, columns and tables."""
     for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in TITLED:
+            for given in node.args:
+                if (text := text_of(given)) is not None:
+                    yield given.lineno, text
         if isinstance(node, ast.keyword) and node.arg == "help":
             text = text_of(node.value)
             if text is not None:
@@ -110,6 +115,8 @@ def test_every_text_begins_with_its_noun(repository):
         'Option(help="where to write")',
         'Option(help=f"How many {name}.")',
         'Option(help="Whose " + name)',
+        'Column("void", "text", "", f"Why {it} came again")',
+        'TableBlock.each("How often", rows)',
         'def f():\n    """Return what holds."""',
         'def f():\n    """Yield the how of it."""',
         'def f():\n    """Says whether it is so."""',

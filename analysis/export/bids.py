@@ -146,7 +146,7 @@ def _write_people(content: ExportedStudy, folder: Path) -> None:
         FileColumn("code", "Pseudonymous code"),
         FileColumn("species", "Species of the participant; not given for artificial observers"),
         FileColumn("language", "Language of the session"),
-        FileColumn("gaze_source", "Where gaze came from; 'none' where it was not watched"),
+        FileColumn("gaze_source", "Source of gaze; 'none' where it was not watched"),
         FileColumn("runs", "Runs of the program in this session"),
         *(
             FileColumn.of(c)

@@ -160,7 +160,7 @@ def _write_messages(stem: Path, content: ExportedStudy, attempts: list[Attempt])
             "Description": "Phases of the attempts during which gaze was stored",
             "OnsetSource": "timestamp",
             "onset": {"Description": "On the clock of `timestamp`", "Units": "s"},
-            "duration": {"Description": "How long the phase lasted", "Units": "s"},
+            "duration": {"Description": "Duration of the phase", "Units": "s"},
             "trial_type": {"Description": "Phase, as in the events file"},
             "message": {"Description": "Trial of the plan, and number of the attempt"},
         },

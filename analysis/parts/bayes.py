@@ -102,7 +102,7 @@ class BayesPart(SimplePart[PreferencePlan, Posteriors]):
                     ("Verdict", "l", lambda one: known(one, one.verdict)),
                 ),
                 Paragraph(
-                    f"How probable each share is. Verdict: whether the limits lie {within}"
+                    f"P: probability of such a share. Verdict: whether the limits lie {within}"
                     " (practically equal), beyond it, or across its edge (undecided).",
                     muted=True,
                 ),

@@ -44,7 +44,7 @@ class BiasPart(SimplePart[PreferencePlan, Biases]):
         """Return the figure, a table, and each as a sentence."""
         biases = [one for one in (found.order, found.side) if one is not None]
         caption = (
-            f"How often the first interval and the left key were picked, with {plan.limits};"
+            f"Share of choices of the first interval and of the left key, with {plan.limits};"
             " dots: participants."
         )
         return Shown(

@@ -108,7 +108,7 @@ def reliability_table(found: Sequence[Reliability]) -> Iterator[Block]:
     """Yield the table of split halves; nothing where there are none."""
     if found:
         yield TableBlock.each(
-            "How reliably people differ: odd against even trials",
+            "Reliability of differences between people: odd against even trials",
             found,
             ("Of", "l", lambda one: one.measure),
             ("People", "", lambda one: str(one.people)),
@@ -300,7 +300,7 @@ class ConfidencePart(SimplePart[RatePlan, ConfidenceResults]):
                 ),
                 FigurePlace("calibration"),
                 TableBlock.each(
-                    "How often answers of each confidence were right",
+                    "Share of right answers at each confidence",
                     found.calibration,
                     ("Condition", "l c", lambda one: label(one.rate.condition)),
                     ("Confidence", "", lambda one: f"{one.step:g}"),

@@ -85,7 +85,7 @@ class RatesPart(SimplePart[RatePlan, Rates]):
             matrix = np.array(found.confusion, dtype=np.float64)
             answers = [label(one) for one in found.answers]
             draw = partial(heat_map, matrix, answers, answers, row_title="Right answer")
-            caption = "How often each answer (columns) was given where each was right (rows)."
+            caption = "Share of each answer (columns) where each was right (rows)."
             figures.append(PartFigure("confusion", caption, draw))
             tables["confusion.csv"] = pd.DataFrame(
                 matrix, columns=list(found.answers), index=list(found.answers)

@@ -155,7 +155,7 @@ class InteractionPart(Part[P, Interactions]):
             blocks=(
                 FigurePlace("interaction"),
                 TableBlock.each(
-                    f"What changes between values of {factor}",
+                    f"Changes between values of {factor}",
                     every,
                     ("Of", "l c", lambda one: _between(one, plan)),
                     ("Values", "l", lambda one: _values_of(one, plan)),

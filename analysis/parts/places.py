@@ -173,7 +173,7 @@ class PlacesPart(Part[AnalysisPlan, Places]):
 
 def _blocks(found: Places, plan: AnalysisPlan) -> Iterator[Block]:
     yield TableBlock.each(
-        "Where sessions ran",
+        "Places of sessions",
         found.places,
         ("Place", "l c", lambda one: one.name),
         ("Sessions", "", lambda one: str(one.sessions)),

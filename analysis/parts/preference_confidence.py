@@ -138,7 +138,7 @@ class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence])
                     ("Confidence", "strong n", lambda one: measured(one[0].confidence)),
                 ),
                 TableBlock.each(
-                    "What confidence goes with, within participants",
+                    "Correlates of confidence, within participants",
                     found.companions,
                     ("More confidence where", "l c", lambda one: one.what),
                     ("People", "", lambda one: str(one.people)),

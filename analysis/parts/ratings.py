@@ -279,7 +279,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
 def _people(found: RatingResults) -> tuple[Block, ...]:
     return (
         TableBlock.of(
-            "How often each participant gave each rating",
+            "Ratings by participant, in numbers",
             (("Participant", "l"), *((name, "") for name in found.model.categories)),
             [(who, *map(str, counts)) for who, counts in found.levels.items()],
         ),

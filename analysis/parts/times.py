@@ -188,7 +188,7 @@ def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
     )
     if model.ratios:
         yield TableBlock.each(
-            "How many times as long answers take",
+            "Ratios of answer times",
             model.ratios,
             compared(plan, "/"),
             ("Ratio", "strong", lambda one: placed(one, one.ratio)),

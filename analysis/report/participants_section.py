@@ -26,7 +26,7 @@ def _blocks(tidy: TidyTables) -> Iterator[Block]:
     if found.empty:
         return
     yield TableBlock.of(
-        "What participants said of themselves",
+        "Answers of participants about themselves",
         (("Question", "l c"), ("Answer", "l"), ("Participants", ""), ("Analysed", "")),
         [
             (asked if place == rows.index[0] else "", answer, str(every), str(kept))

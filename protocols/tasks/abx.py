@@ -80,5 +80,5 @@ class Abx(Compared):
         """Return the columns of the stimuli, and which came as A, B and X."""
         return (
             *super().condition_columns(pool),
-            *(Column(name, "text", "", f"What was shown as {name.upper()}") for name in "abx"),
+            *(Column(name, "text", "", f"Stimulus shown as {name.upper()}") for name in "abx"),
         )

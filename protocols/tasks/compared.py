@@ -170,7 +170,7 @@ class Compared(Standards, RightOrWrong):
         return (
             *(column for column in super().condition_columns(pool) if column.name != self.compare),
             *(
-                Column(name, "text", "", "What it was compared with: the standard, or another")
+                Column(name, "text", "", "Value it was compared with: the standard, or another")
                 for name in self.own_columns()
             ),
         )

@@ -19,8 +19,8 @@ CONFIDENCE = "confidence"
 """Name of the question, and of its phase."""
 _DIGITS = 9
 COLUMNS = (
-    Column(CONFIDENCE, "integer", "", "How sure of the answer, in steps from 1, the least"),
-    Column(f"{CONFIDENCE}_rt_s", "number", "s", "From the onset of that question to its key press"),
+    Column(CONFIDENCE, "integer", "", "Confidence in the answer, in steps from 1, the least"),
+    Column(f"{CONFIDENCE}_rt_s", "number", "s", "Time from that question to its key press"),
 )
 
 

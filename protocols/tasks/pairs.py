@@ -38,7 +38,7 @@ PAIR_COLUMNS = (
     Column("first_side", "text", "", "Side of the key that stands for interval 1"),
 )
 CHOICE_COLUMNS = (
-    Column("choice", "text", "", "Which was picked: first or second"),
+    Column("choice", "text", "", "Interval or side picked: first or second"),
     Column("chosen", "text", "", "Method picked", ("winner", "preferred", "choice")),
     Column("rejected", "text", "", "Method not picked"),
     Column("chose_first", "0/1", "", "1: the first was picked"),

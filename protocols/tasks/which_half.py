@@ -79,8 +79,8 @@ class WhichHalf(Compared):
         """Return the columns of the stimuli, and which was shown first and which came in."""
         return (
             *super().condition_columns(pool),
-            Column("first", "text", "", "What was shown whole in the first interval"),
-            Column("changed_to", "text", "", "What one half of the second interval was"),
+            Column("first", "text", "", "Stimulus shown whole in the first interval"),
+            Column("changed_to", "text", "", "Stimulus of one half of the second interval"),
         )
 
     def problems(self, pool: Pool) -> Iterator[Problem]:

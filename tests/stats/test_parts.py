@@ -137,7 +137,7 @@ SAID = {
     },
     "interaction": {
         "section": "interaction",
-        "caption": "What changes between values of size",
+        "caption": "Changes between values of size",
         "sentence": "ours / blur: large minus small",
         "methods": "Changes between values of size were tested",
         "tables": {"interaction.csv", "interaction_shares.csv"},

@@ -243,7 +243,7 @@ def test_the_command_tells_and_writes_both(times, tmp_path):
         "drift", "boundary", "nondecision_s",
     }  # fmt: skip
     assert (out / "figures" / "reaction-2-column.svg").is_file()
-    assert "How many times as long answers take" in result.output
+    assert "Ratios of answer times" in result.output
     assert "EZ diffusion: means over participants" in (out / "report.html").read_text()
 
 
