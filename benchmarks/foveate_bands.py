@@ -76,7 +76,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Shown:
+class Presentation:
     """A picture and how it is looked at."""
 
     truth: Picture
@@ -108,7 +108,7 @@ def mean_row(
     )
 
 
-def ours(ctx: moderngl.Context, shown: list[Shown], law: str, repeats: int) -> Iterator[Row]:
+def ours(ctx: moderngl.Context, shown: list[Presentation], law: str, repeats: int) -> Iterator[Row]:
     """Our metamer by its number of levels, drawn by the GPU, or its software.
 
     What lies below the levels is pooled, so that all keep the same; last as by default, kept.
@@ -166,7 +166,7 @@ def banks() -> list[Bank]:
     ]
 
 
-def printed(shown: list[Shown]) -> Iterator[Row]:
+def printed(shown: list[Presentation]) -> Iterator[Row]:
     """Metamers as printed, by bank."""
     for bank in banks():
         found, analysis_ms, all_ms = [], [], []
@@ -184,7 +184,7 @@ def printed(shown: list[Shown]) -> Iterator[Row]:
         )  # fmt: skip
 
 
-def library(shown: list[Shown]) -> Iterator[Row]:
+def library(shown: list[Presentation]) -> Iterator[Row]:
     """The authors' library by orientations, with its own pools; nothing without odak."""
     if perception() is None:
         return
@@ -335,7 +335,7 @@ def main(argv: list[str]) -> int:
     geometry = Flat(40.0).of(arguments.edge, arguments.edge)
     middle = (arguments.edge / 2, arguments.edge / 2)
     pools = Pools(geometry, middle, make_pooling(arguments.law))
-    shown = [Shown(image, pools, 40.0) for image in chosen.values()]
+    shown = [Presentation(image, pools, 40.0) for image in chosen.values()]
     rows: list[Row] = []
     for found in (
         ours(ctx, shown, arguments.law, arguments.repeats), printed(shown), library(shown)

@@ -139,7 +139,7 @@ class MediaRow:
 
 
 @dataclass(frozen=True)
-class Pasted:
+class CopyText:
     """Paragraphs that readers copy."""
 
     texts: tuple[str, ...]
@@ -162,7 +162,7 @@ Block: TypeAlias = (
     | Cautions
     | Box
     | MediaRow
-    | Pasted
+    | CopyText
     | Code
 )
 """A text alone is a paragraph, and a list one with bullets."""

@@ -13,7 +13,7 @@ from protocols.errors import Problem, StudyError
 from protocols.manifest import Clip as BuiltClip
 from protocols.manifest import Manifest, Renderer
 from protocols.prose import shortest
-from protocols.script import Picture, Ring, Stored, example_scripts
+from protocols.script import Picture, Ring, StoredPicture, example_scripts
 from protocols.study_file.schema import StudyProtocol
 
 TRIALS_IN_MEMORY = 2
@@ -259,7 +259,7 @@ def _places(protocol: StudyProtocol, display: Display) -> list[Problem]:
         pictures = [
             (*entry.at, *entry.size_px)
             for entry in phase.show
-            if isinstance(entry, Picture) and isinstance(entry.of, Ring | Stored)
+            if isinstance(entry, Picture) and isinstance(entry.of, Ring | StoredPicture)
         ]
         for x, y, wide, high in (*rects, *pictures):
             left, top = x + across // 2, y + down // 2

@@ -131,7 +131,7 @@ class Words(Model):
     """Text below each label."""
 
 
-class Stored(Model):
+class StoredPicture(Model):
     """A picture that is known by its pixels."""
 
     kind: Literal["stored"] = "stored"
@@ -140,7 +140,7 @@ class Stored(Model):
     """Hash of the text `WIDTHxHEIGHT` and the pixels, four bytes each, rows from the top."""
 
 
-Drawn: TypeAlias = Annotated[Dot | Ring | Words | Stored, Field(discriminator="kind")]
+Drawn: TypeAlias = Annotated[Dot | Ring | Words | StoredPicture, Field(discriminator="kind")]
 """Subject of a picture."""
 
 
@@ -197,7 +197,7 @@ class Picture(Model):
         match self.of:
             case Dot(edge_px=edge) | Ring(edge_px=edge):
                 return edge, edge
-            case Words(size_px=size) | Stored(size_px=size):
+            case Words(size_px=size) | StoredPicture(size_px=size):
                 return size
             case _:
                 assert_never(self.of)
@@ -493,7 +493,8 @@ def example_scripts(
     answers = study.task.answers()
     found = tuple(scripts.script(order, practice=True) for order in (answers, answers[::-1]))
     first, again = (
-        [one.of for one in script.pictures() if isinstance(one.of, Stored)] for script in found
+        [one.of for one in script.pictures() if isinstance(one.of, StoredPicture)]
+        for script in found
     )
     if first != again:
         raise StudyError(
@@ -831,7 +832,7 @@ class Scripts:
                         f"a Bitmap of {width_px}x{height_px} px must have"
                         f" {4 * width_px * height_px} bytes, RGBA (got {len(rgba)})",
                     )
-                of = Stored(size_px=(width_px, height_px), sha256=entry.sha256)
+                of = StoredPicture(size_px=(width_px, height_px), sha256=entry.sha256)
                 return Picture(of=of, at=self.place(x_deg, y_deg, width_px, height_px))
             case _:
                 assert_never(entry)

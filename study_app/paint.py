@@ -26,7 +26,7 @@ from protocols.script import (
     Place,
     Ring,
     ScriptPhase,
-    Stored,
+    StoredPicture,
     TrialScript,
     Words,
 )
@@ -65,7 +65,7 @@ def drawn(of: Drawn, bitmaps: Bitmaps) -> Pixels:
             return ring_image(of)
         case Words():
             return words_image(of)
-        case Stored():
+        case StoredPicture():
             rgba = np.frombuffer(bitmaps[of.sha256].rgba, np.uint8)
             return rgba.reshape(of.size_px[1], of.size_px[0], 4)
         case _:
@@ -145,7 +145,7 @@ def write_pictures(
 
     The hash is that of `protocols.phases.rgba_sha256`.
     """
-    bitmaps, known = bitmaps_of(study, display), dict[Drawn, Stored]()
+    bitmaps, known = bitmaps_of(study, display), dict[Drawn, StoredPicture]()
 
     def stored(picture: Picture) -> Picture:
         if picture.of not in known:
@@ -153,7 +153,7 @@ def write_pictures(
             height, width, _ = image.shape
             sha256 = rgba_sha256(width, height, image.tobytes())
             Image.fromarray(image).save(folder / f"{sha256}.png")
-            known[picture.of] = Stored(size_px=(width, height), sha256=sha256)
+            known[picture.of] = StoredPicture(size_px=(width, height), sha256=sha256)
         return picture.model_copy(update={"of": known[picture.of]})
 
     def phase(one: ScriptPhase) -> ScriptPhase:

@@ -93,7 +93,7 @@ def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:
 
 
 @dataclass(frozen=True)
-class Crossed:
+class CrossedDesign:
     """Participants and scenes that saw a mixed model's conditions, for degrees of freedom.
 
     Attributes
@@ -109,7 +109,9 @@ class Crossed:
     sd: Mapping[str, float]
 
     @classmethod
-    def of(cls, condition: Ints, groups: Mapping[str, Ints], sd: Mapping[str, float]) -> "Crossed":
+    def of(
+        cls, condition: Ints, groups: Mapping[str, Ints], sd: Mapping[str, float]
+    ) -> "CrossedDesign":
         """Count trials; codes (trials,) from 0."""
         shares = {}
         for name, code in groups.items():
@@ -159,7 +161,7 @@ class Effect:
 def between_df(influence: Floats, effects: Sequence[Effect], variance: float) -> float:
     """Return the degrees of freedom of a coefficient, between those of participants and scenes.
 
-    As of `Crossed.df`, for any design: each group counts by the variance that its effects give to
+    As of `CrossedDesign.df`, for any design: each group counts by the variance that its effects give to
     the coefficient.
 
     Parameters
@@ -222,7 +224,7 @@ def with_holm(values: Sequence[float]) -> list[tuple[float, float]]:
 
 def wald(
     measure: str, names: Sequence[str], pairs: Sequence[Pair], value: Floats, covariance: Floats,
-    *, crossed: Crossed, level: float,
+    *, crossed: CrossedDesign, level: float,
 ) -> list[Difference]:  # fmt: skip
     """Compare conditions by their values (names,) and the covariance of these."""
     if not pairs:

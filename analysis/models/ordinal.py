@@ -14,7 +14,7 @@ from analysis.arrays import Floats, Ints
 from analysis.models.cells import checked, grid, numbered
 from analysis.models.contrasts import (
     IN_CONDITION,
-    Crossed,
+    CrossedDesign,
     Pair,
     absorbing,
     equal,
@@ -389,7 +389,7 @@ def rating_model(
         if name + IN_CONDITION not in effects
     ]
     notes += _misfit(rated, condition)
-    crossed = Crossed.of(condition, groups, fit.sd)
+    crossed = CrossedDesign.of(condition, groups, fit.sd)
     return _model(rated, pairs, fit, crossed, notes, asked, inference)
 
 
@@ -457,7 +457,7 @@ def paired_ratings(
     rated = _Trials(gap, y, effects, link, given, used)
     fit = rated.fit({}, inference)
     twice = {group: np.concatenate([code, code]) for group, code in groups.items()}
-    crossed = Crossed.of(np.concatenate(sides), twice, fit.sd)
+    crossed = CrossedDesign.of(np.concatenate(sides), twice, fit.sd)
     return _model(rated, pairs, fit, crossed, _notes(fit, people, []), asked, inference)
 
 
@@ -541,7 +541,7 @@ def _model(
     trials: _Trials,
     pairs: Sequence[Pair],
     fit: CumulativeFit,
-    crossed: Crossed,
+    crossed: CrossedDesign,
     notes: Sequence[str],
     asked: Asked | None,
     inference: Inference,
@@ -692,7 +692,7 @@ def _misfit(trials: _Trials, condition: Ints) -> list[str]:
 
 
 def _rated(
-    trials: _Trials, fit: CumulativeFit, crossed: Crossed, level: float
+    trials: _Trials, fit: CumulativeFit, crossed: CrossedDesign, level: float
 ) -> tuple[RatedCondition, ...]:
     value, covariance = _places(fit)
     error = np.sqrt(np.diag(covariance).clip(min=0))

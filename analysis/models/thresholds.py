@@ -10,7 +10,7 @@ from scipy.special import logit
 
 from analysis.arrays import Floats, Ints
 from analysis.models.cells import checked, grid, numbered
-from analysis.models.contrasts import IN_CONDITION, Crossed, Difference, pairs_of
+from analysis.models.contrasts import IN_CONDITION, CrossedDesign, Difference, pairs_of
 from analysis.models.curves.population import Population, Threshold, span
 from analysis.models.curves.quadrature import STARTS, PeopleFit, fit_people
 from analysis.models.curves.response import ResponseFunction
@@ -157,7 +157,7 @@ def fit_thresholds(
         notes.append("no model of scenes could be fitted: thresholds are about these scenes")
     typical = float(np.mean(np.abs(slopes)))
     sd = dict(zip(kinds, (fit.sd * spread / typical).tolist(), strict=False))
-    crossed = Crossed.of(condition, groups, sd)
+    crossed = CrossedDesign.of(condition, groups, sd)
     # Likelihood takes deviations from a mean that it fitted: they come out too small.
     people = len(places.participants)
     more = people / (people - 1.0)

@@ -152,7 +152,7 @@ class PartFigure:
 
 
 @dataclass(frozen=True)
-class Shown:
+class Presentation:
     """One statistic as readers see it, whichever door they came by.
 
     Attributes
@@ -276,7 +276,7 @@ class Part(ABC, Generic[P, R]):
         return self.estimates(found, plan)
 
     @abstractmethod
-    def show(self, found: R, plan: P) -> Shown:
+    def show(self, found: R, plan: P) -> Presentation:
         """Return all that readers see of these numbers."""
 
 

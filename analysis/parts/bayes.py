@@ -8,7 +8,7 @@ from typing import ClassVar
 import pandas as pd
 
 from analysis.models.preference_posterior import PRIORS, BayesianPreference, bayesian_preference
-from analysis.parts import PartFigure, Shown, SimplePart, tried
+from analysis.parts import PartFigure, Presentation, SimplePart, tried
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots.style import (
     BLUE,
@@ -62,7 +62,7 @@ class BayesPart(SimplePart[PreferencePlan, Posteriors]):
             raise ValueError("; ".join(notes))
         return Posteriors(tuple(one for one in found if one is not None), tuple(notes))
 
-    def show(self, found: Posteriors, plan: PreferencePlan) -> Shown:
+    def show(self, found: Posteriors, plan: PreferencePlan) -> Presentation:
         """Return shares with credible limits under each prior, and the verdicts."""
         every, name = found.comparisons, partial(_over, label=plan.label)
         limits = f"{100 * plan.confidence:g} % credible limits"
@@ -84,7 +84,7 @@ class BayesPart(SimplePart[PreferencePlan, Posteriors]):
             for check in one.sensitivity
             if not one.unidentified
         ]
-        return Shown(
+        return Presentation(
             blocks=(
                 FigurePlace("posteriors"),
                 TableBlock.each(

@@ -7,7 +7,7 @@ from typing import ClassVar
 import pandas as pd
 
 from analysis.models.order_and_side import Bias, came_both_ways, has_sides, order_bias, side_bias
-from analysis.parts import PartFigure, Shown, SimplePart
+from analysis.parts import PartFigure, Presentation, SimplePart
 from analysis.parts.shared import P, limits
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import bias_bars
@@ -40,14 +40,14 @@ class BiasPart(SimplePart[PreferencePlan, Biases]):
         order = order_bias(table, alpha=plan.alpha) if came_both_ways(table) else None
         return Biases(order, side_bias(table, alpha=plan.alpha))
 
-    def show(self, found: Biases, plan: PreferencePlan) -> Shown:
+    def show(self, found: Biases, plan: PreferencePlan) -> Presentation:
         """Return the figure, a table, and each as a sentence."""
         biases = [one for one in (found.order, found.side) if one is not None]
         caption = (
             f"Share of choices of the first interval and of the left key, with {plan.limits};"
             " dots: participants."
         )
-        return Shown(
+        return Presentation(
             blocks=(
                 FigurePlace("bias"),
                 TableBlock.each(

@@ -15,7 +15,7 @@ from analysis.models.logistic import Coefficient, ModelFit, glmm_logit
 from analysis.models.mixed.inference import Inference
 from analysis.models.paired.bradley_terry_mixed import PairedModel, paired_model
 from analysis.models.preference import Preference
-from analysis.parts import Part, Shown, tried
+from analysis.parts import Part, Presentation, tried
 from analysis.parts.preferences import PreferenceResults
 from analysis.parts.shared import rows_of, sd_text
 from analysis.plans.preference_plan import PreferencePlan
@@ -89,7 +89,7 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
         )
         return ChoiceModels(pairs, tuple(together), tuple(notes))
 
-    def show(self, found: ChoiceModels, plan: PreferencePlan) -> Shown:
+    def show(self, found: ChoiceModels, plan: PreferencePlan) -> Presentation:
         """Return a table of each kind of model, and what each says."""
         mixed = any(
             one.fit.random_sd and math.isfinite(one.fit["Intercept"].estimate)
@@ -115,7 +115,7 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
                     for contrast in one.model.contrasts
                 ]
             )
-        return Shown(
+        return Presentation(
             blocks=tuple(_blocks(found, plan)),
             sentences=tuple(_sentences(found, plan)),
             methods=(

@@ -9,7 +9,7 @@ import pandas as pd
 
 from analysis.models.contrasts import Difference
 from analysis.models.right_answers import Rate
-from analysis.parts import Part, Shown
+from analysis.parts import Part, Presentation
 from analysis.parts.shared import apa_difference, decisive, planned_family
 from analysis.plans.rate_plan import RatePlan
 from analysis.report.wording import (
@@ -25,7 +25,7 @@ from protocols.blocks import Box
 
 
 @dataclass(frozen=True)
-class Planned:
+class PlannedTests:
     """The planned tests against the baseline.
 
     Attributes
@@ -42,7 +42,7 @@ class Planned:
     notes: tuple[str, ...]
 
 
-class ComparisonsPart(Part[RatePlan, Planned]):
+class ComparisonsPart(Part[RatePlan, PlannedTests]):
     """The planned comparisons, which other parts computed; of one condition its right answers."""
 
     name: ClassVar[str] = "comparisons"
@@ -55,7 +55,7 @@ class ComparisonsPart(Part[RatePlan, Planned]):
         plan: RatePlan,
         found: Mapping[str, Any],
         _chance: np.random.Generator,
-    ) -> Planned:
+    ) -> PlannedTests:
         """Choose what the study compares."""
         notes = []
         differences: tuple[Difference, ...] = ()
@@ -71,15 +71,15 @@ class ComparisonsPart(Part[RatePlan, Planned]):
         if not plan.adaptive and (differences or len(instead) == 1):
             people = table["participant"].nunique()
             notes += planned_family(len(differences), plan).hopeless(people, plan.alpha)
-        return Planned(differences, instead, tuple(notes))
+        return PlannedTests(differences, instead, tuple(notes))
 
-    def planned_p(self, found: Planned, plan: RatePlan) -> float | None:
+    def planned_p(self, found: PlannedTests, plan: RatePlan) -> float | None:
         """Return the least p of the planned comparisons; of a single condition its own."""
         if found.differences:
             return min(_decides(one, plan) for one in found.differences)
         return found.instead[0].p if len(found.instead) == 1 and not plan.adaptive else None
 
-    def show(self, found: Planned, plan: RatePlan) -> Shown:
+    def show(self, found: PlannedTests, plan: RatePlan) -> Presentation:
         """Return the comparisons in short."""
         planned, label = found.differences, plan.label
         lines = [f"{_said(one, plan)}." for one in planned] or [
@@ -99,7 +99,7 @@ class ComparisonsPart(Part[RatePlan, Planned]):
             if count > 1:
                 corrected = ", Holm-adjusted" if holm else ", not adjusted"
                 methods = f"{count} comparisons with {against} were planned{corrected}. "
-        return Shown(
+        return Presentation(
             lead=(Box(title, " ".join(lines[:6]) + more, decides),),
             headline=apa_difference(planned[0], label) if planned else lines[0],
             methods=f"{methods}Tests are two-sided, alpha = {leading(f'{plan.alpha:g}')}.",

@@ -25,7 +25,7 @@ from analysis.models.metacognition import (
     roc_points,
 )
 from analysis.models.right_answers import Rate, rate
-from analysis.parts import AnalysisPlan, PartFigure, Shown, SimplePart, tried
+from analysis.parts import AnalysisPlan, PartFigure, Presentation, SimplePart, tried
 from analysis.parts.shared import condition, limits
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots.confidence_plots import calibration_plot, pairs_plot, roc_plot
@@ -258,7 +258,7 @@ class ConfidencePart(SimplePart[RatePlan, ConfidenceResults]):
             tuple(notes),
         )
 
-    def show(self, found: ConfidenceResults, plan: RatePlan) -> Shown:
+    def show(self, found: ConfidenceResults, plan: RatePlan) -> Presentation:
         """Return tables and figures of both kinds of answers, and what the steps are worth."""
         label, cells = plan.label, found.conditions
         steps = f"steps {', '.join(map('{:g}'.format, found.steps))}"
@@ -277,7 +277,7 @@ class ConfidencePart(SimplePart[RatePlan, ConfidenceResults]):
             ]
             for one in cells
         }
-        return Shown(
+        return Presentation(
             blocks=(
                 FigurePlace("confidence"),
                 TableBlock.each(

@@ -10,7 +10,7 @@ import pandas as pd
 
 from analysis.guessing import below_at, below_guessing, wrong_way
 from analysis.models.right_answers import Rate, correct_rates
-from analysis.parts import AnalysisPlan, PartFigure, Shown, SimplePart
+from analysis.parts import AnalysisPlan, PartFigure, Presentation, SimplePart
 from analysis.parts.shared import P, condition, in_order, limits
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots import heat_map, rates_plot
@@ -70,7 +70,7 @@ class RatesPart(SimplePart[RatePlan, Rates]):
         ordered = in_order(rates, plan, lambda one: one.condition)
         return Rates(ordered, answers, tuple(confusion), tuple(notes))
 
-    def show(self, found: Rates, plan: RatePlan) -> Shown:
+    def show(self, found: Rates, plan: RatePlan) -> Presentation:
         """Return shares against chance, and the table of confusions of more than two answers."""
         rates, label = found.conditions, plan.label
         names = [label(one.condition) for one in rates]
@@ -90,7 +90,7 @@ class RatesPart(SimplePart[RatePlan, Rates]):
             tables["confusion.csv"] = pd.DataFrame(
                 matrix, columns=list(found.answers), index=list(found.answers)
             ).reset_index(names="expected")
-        return Shown(
+        return Presentation(
             blocks=(
                 FigurePlace("correct"),
                 rate_table(f"Right answers by {plan.by_name or 'condition'}", rates, plan),

@@ -31,7 +31,7 @@ from analysis.models.metacognition import (
     ratio_of_means,
     roc_points,
 )
-from analysis.parts import AnalysisPlan, PartFigure, Shown, SimplePart, tried
+from analysis.parts import AnalysisPlan, PartFigure, Presentation, SimplePart, tried
 from analysis.parts.confidence import (
     HALVES,
     SECTION,
@@ -129,7 +129,7 @@ class ConditionGraded:
 
 
 @dataclass(frozen=True)
-class Graded:
+class GradedPairs:
     """Every number."""
 
     conditions: tuple[ConditionGraded, ...]
@@ -140,7 +140,7 @@ class Graded:
 Counts = Mapping[tuple[str, str], Floats]
 """Graded answers (2, 2 x steps) by condition and person."""
 F = TypeVar("F", MetaFit, UnequalFit)
-R = TypeVar("R", Metacognition, Graded)
+R = TypeVar("R", Metacognition, GradedPairs)
 Fits = Mapping[tuple[str, str], F]
 
 
@@ -274,10 +274,10 @@ class MetacognitionPart(_GradedAnswers[Metacognition]):
             tuple(notes),
         )
 
-    def show(self, found: Metacognition, plan: RatePlan) -> Shown:
+    def show(self, found: Metacognition, plan: RatePlan) -> Presentation:
         """Return means, each person, and the figure of both d'."""
         cells, label = found.conditions, plan.label
-        return Shown(
+        return Presentation(
             blocks=(
                 FigurePlace("metacognition"),
                 TableBlock.each(
@@ -407,12 +407,12 @@ def _apa_meta(one: ConditionMeta, plan: RatePlan) -> str:
     )
 
 
-class GradedPart(_GradedAnswers[Graded]):
+class GradedPart(_GradedAnswers[GradedPairs]):
     """ROC, d_a and its slope from answers of a yes-no task that confidence grades."""
 
     name: ClassVar[str] = "graded"
 
-    def of(self, table: pd.DataFrame, plan: RatePlan) -> Graded:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> GradedPairs:
         """Fit each person in each condition, and all together for the figure."""
         rows, steps, _ = with_steps(table)
         rows = with_shared_noise(rows, plan.answers[0])
@@ -421,15 +421,15 @@ class GradedPart(_GradedAnswers[Graded]):
             PersonGraded(name, who, int(counts[name, who].sum()), fit)
             for (name, who), fit in fits.items()
         )
-        return Graded(
+        return GradedPairs(
             tuple(_graded(name, counts, people, said[name], plan) for name in said), people, ()
         )
 
-    def show(self, found: Graded, plan: RatePlan) -> Shown:
+    def show(self, found: GradedPairs, plan: RatePlan) -> Presentation:
         """Return d_a, slopes and the ROC."""
         cells, label = found.conditions, plan.label
         drawn = {one.condition: one.points for one in cells if one.points}
-        return Shown(
+        return Presentation(
             blocks=(
                 FigurePlace("roc"),
                 TableBlock.each(

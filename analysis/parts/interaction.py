@@ -20,7 +20,7 @@ from analysis.models.compared_methods import pairing_rows
 from analysis.models.contrasts import Difference
 from analysis.models.right_answers import Influence, Rate, rate, share_influence
 from analysis.models.second_factor import jod_interactions, share_interactions
-from analysis.parts import Part, PartFigure, Shown, Tests
+from analysis.parts import Part, PartFigure, Presentation, Tests
 from analysis.parts.scale import BOOTSTRAP_SAMPLES
 from analysis.parts.shared import apa_difference
 from analysis.plans.preference_plan import PreferencePlan
@@ -128,7 +128,7 @@ class InteractionPart(Part[P, Interactions]):
         shown = {pair: math.comb(len(one), 2) for pair, one in self._shown(cells, plan).items()}
         return _families(shown, cells, plan)
 
-    def show(self, found: Interactions, plan: P) -> Shown:
+    def show(self, found: Interactions, plan: P) -> Presentation:
         """Return the planned ones before all, every difference, and shares by value."""
         factor, every = column_in_words(found.factor), (*found.shares, *found.jod)
         caption = (
@@ -143,7 +143,7 @@ class InteractionPart(Part[P, Interactions]):
             interaction_plot, rows, title=factor, chance=found.chance, level=plan.confidence
         )
         scale = ", and distances in JOD by a bootstrap that draws people alike for all values"
-        return Shown(
+        return Presentation(
             lead=(
                 Box(
                     f"Interaction with {factor}",

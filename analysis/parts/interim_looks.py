@@ -9,7 +9,15 @@ import pandas as pd
 from numpy.random import Generator
 
 from analysis.models.sequential_bounds import InterimResult, SequentialPlan, plan_of, standing
-from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, PartFigure, Shown, estimates_of
+from analysis.parts import (
+    AnalysisPlan,
+    AnyPart,
+    Estimate,
+    Part,
+    PartFigure,
+    Presentation,
+    estimates_of,
+)
 from analysis.plots.sequential_plot import bounds_plot
 from analysis.report.wording import NONE, number_range, placed
 from analysis.showable import FamilyOfTests
@@ -68,7 +76,7 @@ class LooksPart(Part[AnalysisPlan, Looks]):
         at_bound = plan.but(alpha=now.reject_p)
         return Looks(bounds, now, estimates_of(self._parts, table, at_bound, planned=True))
 
-    def show(self, found: Looks, plan: AnalysisPlan) -> Shown:
+    def show(self, found: Looks, plan: AnalysisPlan) -> Presentation:
         """Return the state of the study before all else; bounds, and limits that hold there."""
         bounds, now = found.plan, found.standing
         caption = (
@@ -100,7 +108,7 @@ class LooksPart(Part[AnalysisPlan, Looks]):
                     muted=True,
                 ),
             )
-        return Shown(
+        return Presentation(
             lead=(
                 Box(
                     f"Planned looks: {now.verdict}",

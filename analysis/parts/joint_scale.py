@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from analysis.models.compared_methods import as_numbers
 from analysis.models.paired.joint_tests import JointTest, JointTests, joint_tests
-from analysis.parts import Part, Shown, tried
+from analysis.parts import Part, Presentation, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.report.wording import NONE, number, p_number, p_text
@@ -81,7 +81,7 @@ class JointScalePart(Part[PreferencePlan, JointScales]):
         sizes = (_families(rows["method"], rows["against"]) for _, rows in cells.groupby("size"))
         return tuple(dict.fromkeys(one for size in sizes for one in size))
 
-    def show(self, found: JointScales, plan: PreferencePlan) -> Shown:
+    def show(self, found: JointScales, plan: PreferencePlan) -> Presentation:
         """Return a row for each test."""
         every = [
             (plan.at(one.size, whole="all sizes"), what, test)
@@ -94,7 +94,7 @@ class JointScalePart(Part[PreferencePlan, JointScales]):
             for what, test in (("equal", one.tests.equal), ("axis", one.tests.axis))
             if test is not None
         ]
-        return Shown(
+        return Presentation(
             blocks=(
                 TableBlock.each(
                     "All methods at once, by bootstrap of participants and scenes",

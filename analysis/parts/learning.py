@@ -12,7 +12,7 @@ import pandas as pd
 
 from analysis.models.compared_methods import Comparisons
 from analysis.models.trends import Course, Trend, course, trend
-from analysis.parts import AnalysisPlan, Part, PartFigure, Shown
+from analysis.parts import AnalysisPlan, Part, PartFigure, Presentation
 from analysis.parts.ratings import RatingResults
 from analysis.parts.shared import TESTED, limits
 from analysis.plans.preference_plan import PreferencePlan
@@ -103,10 +103,10 @@ class LearningPart(Part[P, Learning]):
         trends = (replace(trend(o.rows, "outcome", **how), outcome=o.name) for o in outcomes)
         return Learning(tuple(trends), drawn)
 
-    def show(self, found: Learning, plan: P) -> Shown:
+    def show(self, found: Learning, plan: P) -> Presentation:
         """Return the figure, the table of changes, and each as a sentence."""
         trends = found.trends
-        return Shown(
+        return Presentation(
             blocks=(
                 FigurePlace("learning"),
                 TableBlock.each(

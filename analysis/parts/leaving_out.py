@@ -14,7 +14,7 @@ from scipy.special import ndtri
 from analysis.models.clustered import ClusteredShare, two_way
 from analysis.models.compared_methods import Comparisons, counts
 from analysis.models.tails import two_sided_quantile
-from analysis.parts import Part, PartFigure, Shown
+from analysis.parts import Part, PartFigure, Presentation
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots.interaction_plot import interaction_plot
 from analysis.report.wording import leading, level_text, number, number_range, p_number, share
@@ -126,7 +126,7 @@ class LeavingOutPart(Part[PreferencePlan, LeavingOut]):
             planned,
         )
 
-    def show(self, found: LeavingOut, plan: PreferencePlan) -> Shown:
+    def show(self, found: LeavingOut, plan: PreferencePlan) -> Presentation:
         """Return in short what it depends on, and a figure of shares without each."""
         said = tuple(_sentences(found, plan))
         middle = float(np.median([one.share for one in found.without] or [0.5]))
@@ -143,7 +143,7 @@ class LeavingOutPart(Part[PreferencePlan, LeavingOut]):
             f" {plan.limits}; dashed: chance."
         )
         lines = [vars(one) for one in found.without]
-        return Shown(
+        return Presentation(
             blocks=(
                 Heading("What the primary comparison depends on"),
                 Paragraph(" ".join(said) + " Nobody is excluded by this."),

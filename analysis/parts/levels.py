@@ -18,7 +18,7 @@ from analysis.models.contrasts import Difference
 from analysis.models.curves.population import Threshold
 from analysis.models.psychometric import Psychometric, fit_psychometric
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
-from analysis.parts import Estimate, PartFigure, PartResults, Shown, SimplePart, Tests, tried
+from analysis.parts import Estimate, PartFigure, PartResults, Presentation, SimplePart, Tests, tried
 from analysis.parts.shared import (
     apa_difference,
     difference_estimates,
@@ -215,7 +215,7 @@ class CurvesPart(LevelsPart[Curves]):
                 found[name] = fit
         return Curves(counts, found, tuple(notes))
 
-    def show(self, found: Curves, plan: RatePlan) -> Shown:
+    def show(self, found: Curves, plan: RatePlan) -> Presentation:
         """Return data and curves."""
         fits = [
             (plan.label(name), fit, fit.identified(found.counts[name].levels))
@@ -259,7 +259,7 @@ class CurvesPart(LevelsPart[Curves]):
             for x, right, trials in zip(one.levels, one.right, one.trials, strict=True)
         ]
         guess = "a guess rate of chance" if plan.guess is not None else "a free guess rate"
-        return Shown(
+        return Presentation(
             title=self.title(plan),
             blocks=(
                 FigurePlace("levels"),
@@ -385,7 +385,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
         trials = {name: sum(one.trials) for name, one in found.counts.items()}
         return difference_estimates(found.contrasts, trials, plan) if plan.adaptive else ()
 
-    def show(self, found: Thresholds, plan: RatePlan) -> Shown:
+    def show(self, found: Thresholds, plan: RatePlan) -> Presentation:
         """Return thresholds, what differs, and each participant's own."""
         label, each = plan.label, found.thresholds
         placed = {one.condition: one.identified(found.levels) for one in each}
@@ -433,7 +433,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             ),
         )
         differing = "natural logarithms of thresholds" if found.logarithmic else "thresholds"
-        return Shown(
+        return Presentation(
             title=self.title(plan),
             blocks=(
                 FigurePlace("psychometric"),

@@ -8,7 +8,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 import pandas as pd
 
-from analysis.parts import PartFigure, Shown, SimplePart
+from analysis.parts import PartFigure, Presentation, SimplePart
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots import heat_map
 from analysis.report.wording import share
@@ -40,7 +40,7 @@ class PeoplePart(SimplePart[RatePlan, People]):
         scenes = _shares(table, plan, "scene") if "scene" in table else {}
         return People(_shares(table, plan, "participant"), scenes)
 
-    def show(self, found: People, plan: RatePlan) -> Shown:
+    def show(self, found: People, plan: RatePlan) -> Presentation:
         """Return a heat map of each, and how far people lie apart."""
         lines = [
             {"of": group, "name": who, "condition": name, "share": value}
@@ -54,7 +54,7 @@ class PeoplePart(SimplePart[RatePlan, People]):
             f" {share(max(value for _, value in pairs))}."
             for name, pairs in found.participants.items()
         ]
-        return Shown(
+        return Presentation(
             title="Participants and scenes" if found.scenes else "",
             blocks=(FigurePlace("participants"), FigurePlace("scenes")),
             sentences=sentences,

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, Shown, estimates_of, tried
+from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, Presentation, estimates_of, tried
 from analysis.report.wording import level_text, number_range, placed
 from protocols.blocks import Block, Paragraph, TableBlock
 from protocols.prose import count_of
@@ -123,7 +123,7 @@ class PlacesPart(Part[AnalysisPlan, Places]):
             tuple(notes),
         )
 
-    def show(self, found: Places, plan: AnalysisPlan) -> Shown:
+    def show(self, found: Places, plan: AnalysisPlan) -> Presentation:
         """Return the evidence for each place's sessions, and the primary result by place."""
         differences = pd.DataFrame(
             [
@@ -135,7 +135,7 @@ class PlacesPart(Part[AnalysisPlan, Places]):
             ]
         )
         tables = {"places.csv": pd.DataFrame([vars(one) for one in found.places])}
-        return Shown(
+        return Presentation(
             blocks=tuple(_blocks(found, plan)),
             sentences=(_counted(found), *(_sentence(one, plan) for one in found.differences)),
             methods=_methods(found),

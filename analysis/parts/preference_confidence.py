@@ -16,7 +16,7 @@ from analysis.data_dictionary import frame_of
 from analysis.models.compared_methods import pairing_rows
 from analysis.models.detection import Measure
 from analysis.models.metacognition import Reliability, mean_over_people
-from analysis.parts import PartFigure, Shown, SimplePart, tried
+from analysis.parts import PartFigure, Presentation, SimplePart, tried
 from analysis.parts.confidence import (
     HALVES,
     SECTION,
@@ -51,7 +51,7 @@ class PairConfidence:
 
 
 @dataclass(frozen=True)
-class Companion:
+class ConfidenceCorrelate:
     """Difference of confidence within each person that goes with `what`.
 
     `people` are those who have both; with none of them `difference` is None, and `lacking` says
@@ -71,7 +71,7 @@ class PreferenceConfidence:
     steps: tuple[float, ...]
     pairs: tuple[PairConfidence, ...]
     people: Mapping[str, tuple[tuple[str, float], ...]]
-    companions: tuple[Companion, ...]
+    companions: tuple[ConfidenceCorrelate, ...]
     reliability: tuple[Reliability, ...]
     notes: tuple[str, ...]
 
@@ -121,12 +121,12 @@ class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence])
             tuple(notes),
         )
 
-    def show(self, found: PreferenceConfidence, plan: PreferencePlan) -> Shown:
+    def show(self, found: PreferenceConfidence, plan: PreferencePlan) -> Presentation:
         """Return confidence of each pair, and what it goes with."""
         label, steps = plan.label, ", ".join(map("{:g}".format, found.steps))
         named = [(one, f"{label(one.method)} / {label(one.against)}") for one in found.pairs]
         known = [one for one in found.companions if one.difference is not None]
-        return Shown(
+        return Presentation(
             blocks=(
                 FigurePlace("confidence"),
                 TableBlock.each(
@@ -211,7 +211,7 @@ class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence])
         )
 
 
-def _said(one: Companion) -> str:
+def _said(one: ConfidenceCorrelate) -> str:
     return one.lacking if one.difference is None else measured(one.difference)
 
 
@@ -268,9 +268,9 @@ def _companion(
     of: Callable[[pd.DataFrame], float],
     lacking: str,
     plan: PreferencePlan,
-) -> Companion:
+) -> ConfidenceCorrelate:
     values = np.array([of(own) for _, own in rows.groupby("participant", observed=True)])
     people = int(np.isfinite(values).sum())
     if not people:
-        return Companion(what, 0, None, lacking)
-    return Companion(what, people, mean_over_people(values, plan.confidence, 0.0), "")
+        return ConfidenceCorrelate(what, 0, None, lacking)
+    return ConfidenceCorrelate(what, people, mean_over_people(values, plan.confidence, 0.0), "")

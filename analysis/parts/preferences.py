@@ -20,7 +20,7 @@ from analysis.models.preference import (
     preference,
     preferences,
 )
-from analysis.parts import EQUIVALENCE, Estimate, PartFigure, Shown, SimplePart, Tests
+from analysis.parts import EQUIVALENCE, Estimate, PartFigure, Presentation, SimplePart, Tests
 from analysis.parts.people import shares_figure
 from analysis.parts.shared import planned_family
 from analysis.plans.preference_plan import PreferencePlan
@@ -181,7 +181,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
         """Return the share of choices in the primary comparison."""
         return [] if found.primary is None else [_estimate(found.primary, plan)]
 
-    def show(self, found: PreferenceResults, plan: PreferencePlan) -> Shown:
+    def show(self, found: PreferenceResults, plan: PreferencePlan) -> Presentation:
         """Return the primary comparison before all, every comparison, people and scenes."""
         cells, primary = found.table.cells, found.primary
         sentences = [apa_preference(one, plan, adjusted=True) for one in cells]
@@ -192,7 +192,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
             sentences.insert(0, f"Primary comparison: {headline}")
             lead = _lead(primary, headline, plan)
         rows = [cell.row() | {"warnings": "; ".join(cell.warnings)} for cell in cells]
-        return Shown(
+        return Presentation(
             lead=lead,
             headline=headline,
             blocks=tuple(_blocks(found, plan)),

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.random import Generator
 
 from analysis.models.mixed.deviations import MOST_PROFILED, Deviation
-from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, Shown
+from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, Presentation
 from analysis.plots.caterpillar import caterpillar_plot
 from analysis.report.wording import level_text, number_range, placed, share
 from protocols.blocks import FigurePlace, Paragraph, TableBlock
@@ -73,13 +73,13 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
             )
         return RandomEffectResults(models, tuple(notes))
 
-    def show(self, found: RandomEffectResults, plan: P) -> Shown:
+    def show(self, found: RandomEffectResults, plan: P) -> Presentation:
         """Return the deviations, and the levels of participants and scenes."""
         rows = [(one.model, own) for one in found.models for own in one.deviations]
         name = self.name
         drawn = [(model, own) for model, own in rows if own.levels]
         several = any(model for model, _ in rows)
-        return Shown(
+        return Presentation(
             blocks=(
                 TableBlock.each(
                     f"Random effects of {self.about}",

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from analysis.answers import SimulatedAnswers
 from analysis.data_dictionary import frame_of
 from analysis.models.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
-from analysis.parts import Estimate, PartFigure, Shown, SimplePart, Tests
+from analysis.parts import Estimate, PartFigure, Presentation, SimplePart, Tests
 from analysis.parts.margins import (
     contrast_sentences,
     contrasts_table,
@@ -132,7 +132,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
             if not math.isnan(one.difference)
         ]
 
-    def show(self, found: RatingResults, plan: RatingPlan) -> Shown:
+    def show(self, found: RatingResults, plan: RatingPlan) -> Presentation:
         """Return places, comparisons, people, and the clearest comparison before all."""
         model, pairs = found.model, not plan.by
         holm = plan.correction == "holm"
@@ -143,7 +143,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
             f"{'' if pairs else 'Left: share of each rating. '}Places on the latent axis with"
             f" {plan.limits}, from the first condition on."
         )
-        return Shown(
+        return Presentation(
             lead=(
                 Box(
                     "Clearest comparison",

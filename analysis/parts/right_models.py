@@ -13,7 +13,7 @@ from scipy.special import expit
 from analysis.arrays import Floats
 from analysis.models.logistic import ModelFit, ModelsBeside, models_beside
 from analysis.models.mixed.marginal_means import NO_MARGINS, Margins, margins
-from analysis.parts import Shown, SimplePart
+from analysis.parts import Presentation, SimplePart
 from analysis.parts.margins import (
     contrast_sentences,
     contrasts_table,
@@ -94,12 +94,12 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
         notes = _term(plan).hopeless(rows["participant"].nunique(), plan.alpha)
         return RightModels(**vars(beside), groups=several, margins=margins, notes=tuple(notes))
 
-    def show(self, found: RightModels, plan: RatePlan) -> Shown:
+    def show(self, found: RightModels, plan: RatePlan) -> Presentation:
         """Return the three beside each other, and the mixed one's terms as sentences."""
         groups, formula = found.groups, found.independent.formula
         random = "as crossed" if len(groups) > 1 else f"{groups[0]}s as"
         terms = rows_of((one, one[1].coefficients) for one in found.fits)
-        return Shown(
+        return Presentation(
             blocks=(
                 TableBlock.each(
                     f"Logistic models of right answers, {formula}",

@@ -25,7 +25,7 @@ from analysis.models.consistency import (
 from analysis.models.observers import ObserverCheck, check_observers
 from analysis.models.paired.order_effect import OrderEffect, order_effect
 from analysis.models.scaling import Contrast, Scale, contrasts, scale
-from analysis.parts import PartFigure, Shown, SimplePart, tried
+from analysis.parts import PartFigure, Presentation, SimplePart, tried
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.wording import df_text, leading, number, number_range, p_number, p_text, placed
@@ -109,10 +109,10 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
         shown = [{*rows["method"], *rows["against"]} for _, rows in cells.groupby("size")]
         return [_family(count) for count in sorted({len(one) for one in shown}) if count > 2]
 
-    def show(self, found: Scales, plan: PreferencePlan) -> Shown:
+    def show(self, found: Scales, plan: PreferencePlan) -> Presentation:
         """Return a figure of all sizes; scores, differences and checks of each."""
         if not found.sizes:
-            return Shown()
+            return Presentation()
         caption = (
             "Quality in JOD (mean zero; of two 1 JOD apart, 75 % choose the better) with"
             f" {100 * plan.confidence:g} % bootstrap limits."
@@ -125,7 +125,7 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
                 ("scale_differences.csv", SizeScale.differences),
             )
         }
-        return Shown(
+        return Presentation(
             blocks=tuple(_blocks(found, plan)),
             sentences=tuple(_sentences(found, plan)),
             methods=(

@@ -27,7 +27,7 @@ from analysis.models.detection import (
 from analysis.models.logistic import ModelFit, glmm_probit
 from analysis.models.mixed.inference import Inference
 from analysis.models.right_answers import Influence, Rate, rate, share_influence
-from analysis.parts import Estimate, PartFigure, Shown, SimplePart, Tests, tried
+from analysis.parts import Estimate, PartFigure, Presentation, SimplePart, Tests, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
 from analysis.parts.shared import (
     P,
@@ -164,7 +164,7 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
         differing = difference_estimates(found.planned, trials, plan)
         return () if plan.adaptive else (*measured, *differing)
 
-    def show(self, found: YesNoSensitivity, plan: RatePlan) -> Shown:
+    def show(self, found: YesNoSensitivity, plan: RatePlan) -> Presentation:
         """Return hits and false alarms, what follows from them, and differences."""
         label, cells = plan.label, found.conditions
         answer = label(cells[0].bias_answer)
@@ -185,7 +185,7 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
             )
             draw = partial(d_prime_plot, found, label=label)
             figures.append(PartFigure("sensitivity", caption, draw))
-        return Shown(
+        return Presentation(
             blocks=(
                 FigurePlace("detection"),
                 FigurePlace("sensitivity"),
@@ -387,20 +387,20 @@ def _corrected(correction: str) -> str:
 
 
 @dataclass(frozen=True)
-class Typical:
+class TypicalSensitivity:
     """Probit mixed models by condition; their slope is d' of the typical participant."""
 
     fits: tuple[tuple[str, ModelFit], ...]
     notes: tuple[str, ...]
 
 
-class TypicalPart(SimplePart[RatePlan, Typical]):
+class TypicalPart(SimplePart[RatePlan, TypicalSensitivity]):
     """d' and criterion of the typical participant of a yes-no task."""
 
     name: ClassVar[str] = "typical"
     section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
 
-    def of(self, table: pd.DataFrame, plan: RatePlan) -> Typical:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> TypicalSensitivity:
         """Fit d' of the typical participant, condition by condition."""
         rows, signal = with_shared_noise(table, plan.answers[0]), plan.answers[0]
         found, notes = [], list[str]()
@@ -427,14 +427,14 @@ class TypicalPart(SimplePart[RatePlan, Typical]):
                 found.append((name, fit))
         if not found:
             raise ValueError("; ".join(notes) or "one participant and one scene vary in nothing")
-        return Typical(tuple(found), tuple(notes))
+        return TypicalSensitivity(tuple(found), tuple(notes))
 
-    def show(self, found: Typical, plan: RatePlan) -> Shown:
+    def show(self, found: TypicalSensitivity, plan: RatePlan) -> Presentation:
         """Return both with their errors."""
         lines = [
             {"condition": name} | vars(one) for name, fit in found.fits for one in fit.coefficients
         ]
-        return Shown(
+        return Presentation(
             blocks=(
                 TableBlock.each(
                     "d' and criterion of the typical participant: probit mixed models",
@@ -541,12 +541,12 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
         differing = difference_estimates(found.planned, trials, plan)
         return () if plan.adaptive else (*shares, *differing)
 
-    def show(self, found: ChoiceSensitivity, plan: RatePlan) -> Shown:
+    def show(self, found: ChoiceSensitivity, plan: RatePlan) -> Presentation:
         """Return d' by condition, and differences of shares."""
         label, cells = plan.label, found.conditions
         caption = f"Sensitivity d' by condition with {plan.limits}."
         draw = partial(d_prime_plot, found, label=label)
-        return Shown(
+        return Presentation(
             blocks=(
                 FigurePlace("sensitivity"),
                 TableBlock.each(

@@ -14,7 +14,7 @@ from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
 from analysis.models.compared_methods import as_numbers
 from analysis.models.paired.paired_counts import Model
 from analysis.models.scaling import Scale, scale
-from analysis.parts import Part, PartFigure, Shown, tried
+from analysis.parts import Part, PartFigure, Presentation, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
@@ -83,7 +83,7 @@ class StrengthsPart(Part[PreferencePlan, Strengths]):
         odds = tuple(one for size, fit in sizes.items() for one in _odds(size, *fit))
         return Strengths(sizes, odds, tuple(notes))
 
-    def show(self, found: Strengths, plan: PreferencePlan) -> Shown:
+    def show(self, found: Strengths, plan: PreferencePlan) -> Presentation:
         """Return strengths and odds."""
         level = f"{100 * plan.confidence:g} %"
         caption = f"Log odds of being chosen (Bradley-Terry, mean zero) with {level} limits."
@@ -95,7 +95,7 @@ class StrengthsPart(Part[PreferencePlan, Strengths]):
             for size, (fit, limits) in found.sizes.items()
         ]
         table = pd.concat(frames, ignore_index=True)
-        return Shown(
+        return Presentation(
             blocks=tuple(_blocks(found, table.to_dict("records"), plan)),
             sentences=tuple(
                 f"The odds of choosing {plan.label(one.first)} over {plan.label(one.second)}"

@@ -15,7 +15,7 @@ from analysis.models.contrasts import Difference
 from analysis.models.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.models.mixed.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
 from analysis.models.reaction import ReactionTimes, participant_medians, reaction_times
-from analysis.parts import AnalysisPlan, PartFigure, Shown, SimplePart, Tests, tried
+from analysis.parts import AnalysisPlan, PartFigure, Presentation, SimplePart, Tests, tried
 from analysis.parts.margins import (
     contrast_sentences,
     contrasts_table,
@@ -132,13 +132,13 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
             return ()
         return (_family(len(pairs_in(cells, plan)), plan),)
 
-    def show(self, found: Times, plan: AnalysisPlan) -> Shown:
+    def show(self, found: Times, plan: AnalysisPlan) -> Presentation:
         """Return the figure, a table of each model, what they say, and every number as CSV."""
         draw = partial(
             reaction_plot, found.summary, found.medians, label=plan.label, level=plan.confidence
         )
         caption = f"Participants' median reaction times, and their mean with {plan.limits}."
-        return Shown(
+        return Presentation(
             blocks=(
                 *_summary(found, plan),
                 *_model(found.model, plan),

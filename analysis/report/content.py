@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from analysis.parts import PartFigure, Shown, computed
+from analysis.parts import PartFigure, Presentation, computed
 from analysis.parts.added import with_added
 from analysis.parts.interim_looks import LooksPart
 from analysis.parts.places import PlacesPart
@@ -76,7 +76,7 @@ def content_of(
     people = count_of(decisions["participant"].nunique(), "participant")
     counted = f"{len(decisions)} {analysis.task} of {people}"
     left_out = left_out_sentence(source.tidy.flow) if source.tidy else ""
-    said = Shown(methods=f"We analysed {counted}. {left_out}".strip())
+    said = Presentation(methods=f"We analysed {counted}. {left_out}".strip())
     sections: list[Section] = []
     figures: list[PartFigure] = []
     for part, one in shown:
@@ -84,7 +84,7 @@ def content_of(
         for section in (Section(name, one.title or title, title, tuple(one.blocks)), *one.further):
             _append(sections, section)
         figures += (figure.marked(simulated=source.simulated) for figure in one.figures)
-    people_sentence = Shown(sentences=participant_sentence(source.tidy))
+    people_sentence = Presentation(sentences=participant_sentence(source.tidy))
     told = (said, *(one for _, one in shown), people_sentence)
     sentences = tuple(sentence for one in told for sentence in one.sentences)
     version = f"Analyses were run with metamerlab {package_version()}."

@@ -11,7 +11,7 @@ from analysis.report.participants_section import participant_blocks
 from analysis.report.report_source import ReportSource
 from analysis.report.values import rows_as_json
 from analysis.tidy import TidyTables
-from protocols.blocks import Block, Cautions, Paragraph, Pasted, Section, TableBlock
+from protocols.blocks import Block, Cautions, CopyText, Paragraph, Section, TableBlock
 from protocols.disk.hashing import Json
 from protocols.html_page import Figure, html_page
 
@@ -45,13 +45,13 @@ def report_page(
                 "methods",
                 "Methods, to paste",
                 "Methods",
-                (Pasted((mark * simulated + content.methods,)),),
+                (CopyText((mark * simulated + content.methods,)),),
             ),
             Section(
                 "apa",
                 "Sentences, to paste",
                 "Sentences",
-                (Pasted(tuple("[Simulated] " * simulated + one for one in content.sentences)),),
+                (CopyText(tuple("[Simulated] " * simulated + one for one in content.sentences)),),
             ),
             Section.of("Provenance", *_provenance(provenance, [*content.scripts])),
         ),

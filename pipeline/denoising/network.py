@@ -45,7 +45,7 @@ _CURE = "make one with: metamerlab denoise train"
 
 
 @dataclass(frozen=True)
-class Facts:
+class NetworkFacts:
     """Purpose of a network, and how it was made.
 
     Parameters
@@ -87,7 +87,7 @@ class Facts:
         return json.dumps({"version": 2, **asdict(self)}, sort_keys=True)
 
     @classmethod
-    def from_json(cls, text: str) -> Facts:
+    def from_json(cls, text: str) -> NetworkFacts:
         """Read what `to_json` wrote.
 
         Raises
@@ -250,7 +250,7 @@ def seen_by(noisy: NDArray[np.floating], pools: Pools, levels: int = LEVELS) -> 
     return NetworkInput(np.ascontiguousarray(padded.transpose(2, 0, 1)[None], np.float32), own)
 
 
-def _facts(path: Path, session: Any) -> Facts:
+def _facts(path: Path, session: Any) -> NetworkFacts:
     with reading(path, "a denoising network", InputError):
         text = session.get_modelmeta().custom_metadata_map.get(FACTS_KEY)
     if text is None:
@@ -259,7 +259,7 @@ def _facts(path: Path, session: Any) -> Facts:
             f" {_CURE}"
         )
     try:
-        return Facts.from_json(cast(str, text))
+        return NetworkFacts.from_json(cast(str, text))
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(
             f"{path}: must say what the network is for, in its metadata {FACTS_KEY!r}"

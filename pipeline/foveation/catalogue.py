@@ -32,7 +32,7 @@ ENHANCED_RATE = 1.40
 """Arcmin per degree of the blurs that are enhanced, unless a law is given: Beyond Blur's widest."""
 
 
-class Plain:
+class NumpyCondition:
     """A condition that numpy alone makes."""
 
     pooling: Pooling | None = None
@@ -47,14 +47,14 @@ class Plain:
         return None
 
 
-class Reference(Plain):
+class Reference(NumpyCondition):
     """The picture itself."""
 
     def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:  # noqa: ARG002
         return picture.copy()
 
 
-class PooledCondition(Plain):
+class PooledCondition(NumpyCondition):
     """A condition that pools; its parameters are those of `pooling.make_pooling`."""
 
     pooling: Pooling
@@ -219,7 +219,7 @@ class WarpedMetamer(_Displaced):
         self.settings = DisplacementSettings(self.pooling, reach, smoothness, levels)
 
 
-class FilesOnDisk(Plain):
+class FilesOnDisk(NumpyCondition):
     """Pictures made elsewhere: ``FOLDER/000000.png``, ``000001.png``, ... by frame number.
 
     The fovea is theirs as well: what made them answers for it.

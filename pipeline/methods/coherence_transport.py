@@ -5,7 +5,7 @@ import numpy as np
 from pipeline.frame import Floats, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.in_numpy import InNumpy
-from pipeline.methods.on_gpu import Guided
+from pipeline.methods.on_gpu import DepthGuidedMethod
 from pipeline.plate.gpu import PlatePass, PlateTextures
 from pipeline.plate.reference import KeptFills
 from pipeline.transport.gpu import TransportPass
@@ -13,7 +13,7 @@ from pipeline.transport.reference import transport_fill
 from pipeline.transport.settings import TransportSettings
 
 
-class CoherenceTransport(Guided[TransportPass]):
+class CoherenceTransport(DepthGuidedMethod[TransportPass]):
     """After Bornemann and März 2007, guided by depth. Parameters: see `TransportSettings`.
 
     It takes no chance: no seed. `z_near_m` as for `metameric`.

@@ -10,7 +10,7 @@ from pipeline.frame_textures import FrameTextures
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.reference import guide_from_depth, guided_base
 from pipeline.methods.in_numpy import InNumpy
-from pipeline.methods.on_gpu import Guided
+from pipeline.methods.on_gpu import DepthGuidedMethod
 from pipeline.printed.gpu import PrintedPass
 from pipeline.printed.reference import printed_fill
 from pipeline.printed.settings import PrintedSettings
@@ -19,7 +19,7 @@ from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
 
 
-class Metameric(Guided[MetamericPass]):
+class Metameric(DepthGuidedMethod[MetamericPass]):
     """Kuffner dos Anjos et al. 2022. Parameters: see `MetamericSettings`.
 
     `z_near_m` is the clip's nearest depth; 0 takes each frame's own, which makes the
@@ -54,7 +54,7 @@ class Metameric(Guided[MetamericPass]):
         filler(frame, z_near_m=self._nearest_m(frame), seed=seed)
 
 
-class PushPullDepth(Guided[GuidedBasePass]):
+class PushPullDepth(DepthGuidedMethod[GuidedBasePass]):
     """Push-pull that keeps to the background: what depth alone buys.
 
     `gamma` and `depth_threshold` as for `metameric`'s base.
@@ -99,7 +99,7 @@ class PushPullDepth(Guided[GuidedBasePass]):
         filler(frame.colour, frame.depth_m, self._nearest_m(frame))
 
 
-class MetamericPaper(Guided[PrintedPass]):
+class MetamericPaper(DepthGuidedMethod[PrintedPass]):
     """Kuffner dos Anjos et al. 2022 as printed. Parameters: see `PrintedSettings`.
 
     `z_near_m` as for `metameric`.

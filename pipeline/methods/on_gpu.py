@@ -101,7 +101,7 @@ class OnGpu(ABC, Generic[P]):
     def _run(self, filler: P, frame: FrameTextures, seed: int) -> None: ...
 
 
-class Guided(OnGpu[P]):
+class DepthGuidedMethod(OnGpu[P]):
     """One that depth guides; its parameters are the fields of `settings_class`, and `z_near_m`."""
 
     settings_class: ClassVar[type[Any]]

@@ -10,7 +10,7 @@ from protocols.display import Display
 from protocols.phases import Phase
 from protocols.pool import Pool
 from protocols.tasks.base import Analysis, Arrangement, blank_phase, shown_phase
-from protocols.tasks.compared import Compared, StimulusPair
+from protocols.tasks.compared import ComparisonTask, StimulusPair
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Condition
 
@@ -23,7 +23,7 @@ class AbxAnalysis(RatesAnalysis):
     """Decision rule that turns shares of right answers into d'."""
 
 
-class Abx(Compared):
+class Abx(ComparisonTask):
     """Fixation, A, gap, B, gap, X, answer."""
 
     kind: Literal["abx"]

@@ -76,7 +76,7 @@ class Standards(Task):
                 return
 
 
-class Compared(Standards, RightOrWrong):
+class ComparisonTask(Standards, RightOrWrong):
     """Two stimuli differ; the answer says where, or which of them came again."""
 
     compare: Name | None = None

@@ -11,7 +11,7 @@ from protocols.errors import Problem
 from protocols.phases import Bar, Fixation, Image, Phase
 from protocols.pool import Pool
 from protocols.tasks.base import Analysis, Arrangement, blank_phase, whole_frames
-from protocols.tasks.compared import Compared, StimulusPair
+from protocols.tasks.compared import ComparisonTask, StimulusPair
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Condition, Degrees
 
@@ -24,7 +24,7 @@ class WhichHalfAnalysis(RatesAnalysis):
     """The participant picks the half that changed more (`analysis.models.ideal_observer`)."""
 
 
-class WhichHalf(Compared):
+class WhichHalf(ComparisonTask):
     """Fixation, a picture, gap, the picture with one half replaced, answer."""
 
     kind: Literal["which-half"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.denoising.gpu import DenoisePass
 from pipeline.denoising.maps import metamer_of
-from pipeline.denoising.network import DenoisingNetwork, Facts, Kind, shipped_network
+from pipeline.denoising.network import DenoisingNetwork, Kind, NetworkFacts, shipped_network
 from pipeline.denoising.samples import Sampling
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry
@@ -189,7 +189,7 @@ def denoise_file(
     return [(out if clip else out.parent) / name for name in names]
 
 
-def network_words(name: str, facts: Facts) -> str:
+def network_words(name: str, facts: NetworkFacts) -> str:
     """Purpose of a network, in a line."""
     what = "a metamer from moments" if facts.kind == "moments" else "the picture's colour"
     scenes = facts.made.get("scenes")
@@ -246,7 +246,7 @@ def render_scene(
         tell(f"wrote {clean}: {rendering.clean_samples} samples a pixel")
 
 
-def _unlike_training(facts: Facts, geometry: Geometry) -> list[str]:
+def _unlike_training(facts: NetworkFacts, geometry: Geometry) -> list[str]:
     """Return notes where the network guesses: it knows pictures like those it was trained on."""
     middle = np.array(geometry.width_px / 2), np.array(geometry.height_px / 2)
     density = float(geometry.px_per_deg(*middle))

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.denoising.maps import BLOCK_PX, LEVELS, maps_of
-from pipeline.denoising.network import Facts, Kind, inputs_of, seen_by
+from pipeline.denoising.network import Kind, NetworkFacts, inputs_of, seen_by
 from pipeline.denoising.samples import Sampling
 from pipeline.errors import InputError
 from pipeline.foveation.chain import chain_length
@@ -130,9 +130,9 @@ class Training:
         """Views in the order in which they are rendered."""
         return [SceneView(scene, number) for scene in self.scenes for number in range(self.views)]
 
-    def facts(self, kind: Kind, made: Mapping[str, Any] | None = None) -> Facts:
+    def facts(self, kind: Kind, made: Mapping[str, Any] | None = None) -> NetworkFacts:
         """Facts of a network of this training."""
-        return Facts(
+        return NetworkFacts(
             kind, LEVELS, self.pooling, self.sampling, WIDTH_DEG, self.rendering.edge_px, made or {}
         )
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.denoising.maps import BLOCK_PX
-from pipeline.denoising.network import FACTS_KEY, VALUES, Facts, Kind, inputs_of
+from pipeline.denoising.network import FACTS_KEY, VALUES, Kind, NetworkFacts, inputs_of
 
 Array = NDArray[np.float32]
 Weights = list[tuple[Array, Array]]
@@ -95,7 +95,7 @@ def scaled(weights: Weights, deviation: Array, mean: Array) -> Weights:
     return [*weights[:-1], (last[0].astype(np.float32), last[1].astype(np.float32))]
 
 
-def to_onnx(weights: Weights, facts: Facts) -> bytes:
+def to_onnx(weights: Weights, facts: NetworkFacts) -> bytes:
     """The network as an ONNX file; equal weights and facts give equal bytes."""
     from onnx import TensorProto, helper, numpy_helper
 

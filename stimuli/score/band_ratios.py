@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
 from pipeline.foveation.geometry import Flat, Geometry, eccentricity_deg, pixel_centres
-from stimuli.score.measured import Curve, Measured
+from stimuli.score.measured import Curve, PairScores
 from stimuli.score.metrics import FRAME
 from stimuli.score.pair import Image, ScoredPair
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
@@ -34,7 +34,7 @@ LEAST_DEVIATION = 0.5 / 255
 """Of the reference's band: below half a step of 255 there is nothing to have a ratio to."""
 
 
-def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> PairScores:
     """Measure a clip or picture with its gaze, frame by frame."""
     geometry = Flat(distance_px=viewing.distance_m / viewing.pitch_m).of(
         pair.width_px, pair.height_px
@@ -43,7 +43,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> M
     for index, test, truth, _ in pair.walk():
         rings.add(test, truth, gaze.at(index, pair.width_px, pair.height_px))
     curves = rings.curves()
-    return Measured({("band-ratio", FRAME): rings.mean_ratio()}, curves=curves)
+    return PairScores({("band-ratio", FRAME): rings.mean_ratio()}, curves=curves)
 
 
 class RingEnergies:

@@ -13,7 +13,7 @@ import numpy as np
 from protocols.disk.hashing import Json, sha256_file, sha256_json
 from protocols.disk.whole_file import write_whole
 from stimuli.score.available import family_versions
-from stimuli.score.measured import Measured
+from stimuli.score.measured import PairScores
 from stimuli.score.metrics import Family
 from stimuli.score.pair import ScoredPair
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
@@ -54,7 +54,7 @@ class Cache:
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
 
-    def read(self, key: str) -> Measured | None:
+    def read(self, key: str) -> PairScores | None:
         """Return the values under `key`; None if there are none, or they are damaged."""
         if self.folder is None:
             return None
@@ -64,7 +64,7 @@ class Cache:
             if raw["has_map"]:
                 data = (self.folder / f"{key}.npy").read_bytes()
                 error_map = np.load(io.BytesIO(data), allow_pickle=False).astype(np.float32)
-            return Measured(
+            return PairScores(
                 {(metric, region): value for metric, region, value in raw["values"]},
                 {(metric, region): values for metric, region, values in raw["per_frame"]},
                 error_map,
@@ -76,7 +76,7 @@ class Cache:
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
 
-    def write(self, key: str, measured: Measured) -> None:
+    def write(self, key: str, measured: PairScores) -> None:
         """Keep `measured`; its numbers are written last."""
         if self.folder is None:
             return

@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-from stimuli.score.measured import Measured
+from stimuli.score.measured import PairScores
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import ScoredPair
 from stimuli.score.torch_parts import (
@@ -21,7 +21,7 @@ from stimuli.score.torch_parts import (
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 
-def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:  # noqa: ARG001
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> PairScores:  # noqa: ARG001
     """Compare the whole clip."""
     values: dict[tuple[str, str], float | None] = {}
     with quiet_libraries():
@@ -34,7 +34,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> M
             values["cvvdp", region] = float(jod)
     if pair.holeless:
         values["cvvdp", HOLES] = None
-    return Measured(values)
+    return PairScores(values)
 
 
 @lru_cache(maxsize=1)

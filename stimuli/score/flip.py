@@ -7,13 +7,13 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stimuli.score.measured import Measured, mean_of
+from stimuli.score.measured import PairScores, mean_of
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, ScoredPair, composed
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 
-def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:  # noqa: ARG001
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> PairScores:  # noqa: ARG001
     """Average the map of every frame: inside the holes, or everywhere."""
     per_frame: dict[tuple[str, str], list[float | None]] = {
         ("flip", region): [] for region in pair.regions
@@ -31,7 +31,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> M
             if region == pair.regions[0]:
                 summed[inside] += errors[inside]
                 counted[inside] += 1
-    return Measured(
+    return PairScores(
         {key: mean_of(found) for key, found in per_frame.items()},
         per_frame,
         (summed / np.maximum(counted, 1)).astype(np.float32),

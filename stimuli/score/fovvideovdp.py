@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from stimuli.score.measured import Measured
+from stimuli.score.measured import PairScores
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import ScoredPair
 from stimuli.score.torch_parts import VideoSource, one_thread, quiet_libraries, settings_of
@@ -29,7 +29,7 @@ VERSION_1_0 = "fvvdp_parameters_1_0.json"
 NAMES = {"fvvdp": None, "fvvdp-1.0": VERSION_1_0}
 
 
-def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> PairScores:
     """Compare the whole clip; foveated where the gaze is known."""
     values: dict[tuple[str, str], float | None] = {}
     with quiet_libraries():
@@ -45,7 +45,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> M
                 values[name, region] = float(jod)
         if pair.holeless:
             values |= {(name, HOLES): None for name in NAMES}
-    return Measured(values)
+    return PairScores(values)
 
 
 @lru_cache(maxsize=4)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from stimuli.score.measured import Measured, mean_of
+from stimuli.score.measured import PairScores, mean_of
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, ScoredPair, composed
 from stimuli.score.torch_parts import load_torchvision, one_thread, quiet_libraries
@@ -32,7 +32,7 @@ def weights_path() -> Path:
     return Path(home, "hub", "checkpoints", WEIGHTS_NAME).expanduser()
 
 
-def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:  # noqa: ARG001
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> PairScores:  # noqa: ARG001
     """Compare every frame, whole; for `holes` with all other pixels set to the reference."""
     per_frame: dict[tuple[str, str], list[float | None]] = {
         ("lpips", region): [] for region in pair.regions
@@ -44,7 +44,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> M
                 if region != HOLES or hole.any():
                     value = distance(composed(test, truth, hole, region), truth)
                 per_frame["lpips", region].append(value)
-    return Measured({key: mean_of(found) for key, found in per_frame.items()}, per_frame)
+    return PairScores({key: mean_of(found) for key, found in per_frame.items()}, per_frame)
 
 
 def distance(test: Image, truth: Image) -> float:

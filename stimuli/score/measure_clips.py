@@ -18,7 +18,7 @@ from stimuli.executors import local_processes
 from stimuli.score.available import MissingMetrics, split_available
 from stimuli.score.batch import Subject, Subjects, check_subjects, usable_regions
 from stimuli.score.cache import Cache, hash_files, measurement_key
-from stimuli.score.measured import Curve, Measured
+from stimuli.score.measured import Curve, PairScores
 from stimuli.score.metrics import FAMILIES, Family, Metric
 from stimuli.score.pair import ScoredPair
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
@@ -127,13 +127,13 @@ def score(
 
 def measure_job(
     family: str, pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze
-) -> Measured:
+) -> PairScores:
     """Run one family on one pair; what a worker process does."""
     import cv2
 
     cv2.setNumThreads(1)
     measure = cast(
-        Callable[[ScoredPair, ViewingConditions, ViewerGaze], Measured],
+        Callable[[ScoredPair, ViewingConditions, ViewerGaze], PairScores],
         importlib.import_module(FAMILIES[family].module).measure,
     )
     return measure(pair, viewing, gaze)
@@ -175,8 +175,8 @@ def _measurable(
 
 def _measure_all(
     jobs: Sequence[_Job], settings: ScoreSettings, cache: Cache, workers: int, say: Report
-) -> dict[str, Measured]:
-    found: dict[str, Measured] = {}
+) -> dict[str, PairScores]:
+    found: dict[str, PairScores] = {}
     open_jobs: dict[str, _Job] = {}
     for job in jobs:
         known = cache.read(job.key)
@@ -190,7 +190,7 @@ def _measure_all(
         groups.setdefault(name, []).append(job)
     keys = {job.key for job in jobs}
 
-    def finish(job: _Job, measured: Measured) -> None:
+    def finish(job: _Job, measured: PairScores) -> None:
         cache.write(job.key, measured)
         found[job.key] = measured
         say(len(found), len(keys), f"{job.family.name}: {job.subject.name}")
@@ -209,11 +209,11 @@ def _in_processes(
     jobs: Sequence[_Job],
     settings: ScoreSettings,
     workers: int,
-    finish: Callable[[_Job, Measured], None],
+    finish: Callable[[_Job, PairScores], None],
 ) -> None:
     with local_processes(workers) as pool:
         try:
-            running: dict[Future[Measured], _Job] = {
+            running: dict[Future[PairScores], _Job] = {
                 pool.submit(measure_job, *_arguments(job, settings)): job for job in jobs
             }
             while running:
@@ -242,7 +242,7 @@ def _collected(
     missing: tuple[MissingMetrics, ...],
     notes: tuple[str, ...],
     jobs: Sequence[_Job],
-    found: dict[str, Measured],
+    found: dict[str, PairScores],
 ) -> ScoreResults:
     names = {metric.name for metric in metrics}
     values: dict[tuple[str, str, str], float | None] = {}

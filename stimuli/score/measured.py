@@ -13,7 +13,7 @@ Curve = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
-class Measured:
+class PairScores:
     """Numbers by (metric, region), and where the errors are.
 
     Attributes

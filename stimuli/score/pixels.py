@@ -6,13 +6,13 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.quality import SSIM_LEAST_PX, high_frequency_ratio, psnr_db, ssim
-from stimuli.score.measured import Measured, mean_of
+from stimuli.score.measured import PairScores, mean_of
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, Mask, ScoredPair
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 
-def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:  # noqa: ARG001
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> PairScores:  # noqa: ARG001
     """Measure every frame; the clip's PSNR is that of the mean squared error of all frames."""
     per_frame: dict[tuple[str, str], list[float | None]] = {}
     changes: list[float | None] = []
@@ -35,7 +35,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> M
     if pair.masks:
         values["flicker", HOLES] = mean_of(changes)
         per_frame["flicker", HOLES] = changes
-    return Measured(values, per_frame, np.sqrt(squares / pair.frames).astype(np.float32))
+    return PairScores(values, per_frame, np.sqrt(squares / pair.frames).astype(np.float32))
 
 
 def _of_frame(test: Image, truth: Image, mask: Mask) -> dict[str, float | None]:

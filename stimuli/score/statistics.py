@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
-from stimuli.score.measured import Measured, mean_of
+from stimuli.score.measured import PairScores, mean_of
 from stimuli.score.metrics import FRAME, HOLES
 from stimuli.score.pair import Image, Mask, ScoredPair, composed
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
@@ -51,7 +51,7 @@ _FWHM = 2.354820045  # of a Gaussian, in deviations
 _FIRST = 2  # halvings before moments are looked at: their Gaussian is narrower than any pool
 
 
-def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> Measured:  # noqa: ARG001
+def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> PairScores:  # noqa: ARG001
     """Measure every frame; where the gaze is unknown, it rests on the middle."""
     per_frame: dict[tuple[str, str], list[float | None]] = {
         ("statistics", region): [] for region in pair.regions
@@ -65,7 +65,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> M
                 ours = pooled_moments(composed(test, truth, hole, region), at)
                 value = _distance(ours, true, hole if region == HOLES else None)
             per_frame["statistics", region].append(value)
-    return Measured({key: mean_of(found) for key, found in per_frame.items()}, per_frame)
+    return PairScores({key: mean_of(found) for key, found in per_frame.items()}, per_frame)
 
 
 def statistics_distance(

@@ -25,7 +25,7 @@ from protocols.script import (
     Picture,
     ScriptPhase,
     Scripts,
-    Stored,
+    StoredPicture,
     TrialScript,
     Words,
 )
@@ -207,7 +207,7 @@ def _in_words(entry: Entry, script: TrialScript, names: Sequence[str]) -> str:
         case Picture(of=Words(text=text, labels=labels)):
             return f'"{text}"' + (f" over {', '.join(labels)}" if labels else "")
         case Picture(of=of, at=at, size_px=size):
-            what = f"{of.kind} {of.sha256[:12]}" if isinstance(of, Stored) else of.kind
+            what = f"{of.kind} {of.sha256[:12]}" if isinstance(of, StoredPicture) else of.kind
         case Fill(rect=(left, top, *size), grey=grey):
             what, at = f"grey {grey}", (left, top)
         case _:

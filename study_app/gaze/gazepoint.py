@@ -17,7 +17,7 @@ from protocols.errors import StudyError
 from protocols.limits import FIXED
 from protocols.viewing import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo
-from study_app.gaze.wire import CONNECT_S, ClockOffset, Wire, address, first_rate
+from study_app.gaze.wire import CONNECT_S, ClockOffset, TcpConnection, address, first_rate
 
 if TYPE_CHECKING:
     from study_app.gaze.source import TrackerContext
@@ -49,7 +49,7 @@ class GazepointGaze:
         self._where = address(rest, "gazepoint", "127.0.0.1", PORT)
         self._desk, self._wait_s = desk, wait_s
         self._screen = desk.display.width_px, desk.display.height_px
-        self._wire = Wire(
+        self._wire = TcpConnection(
             "Gazepoint Control at {}:{}".format(*self._where), self._connect, desk.clock
         )
         self._clock = ClockOffset()

@@ -27,7 +27,7 @@ from protocols.errors import StudyError
 from protocols.limits import FIXED
 from protocols.viewing import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo
-from study_app.gaze.wire import CONNECT_S, RETRY_S, ClockOffset, Wire, address, first_rate
+from study_app.gaze.wire import CONNECT_S, RETRY_S, ClockOffset, TcpConnection, address, first_rate
 
 if TYPE_CHECKING:
     from study_app.gaze.source import TrackerContext
@@ -64,7 +64,7 @@ class PupilGaze:
         self._desk, self._wait_s = desk, wait_s
         self._datagrams = _Datagrams(desk)
         request = f"OPTIONS rtsp://{host}/ RTSP/1.0\r\nCSeq: 99\r\n\r\n".encode()
-        self._wire = Wire(
+        self._wire = TcpConnection(
             f"the glasses' phone at {host}:{port}", self._connect, desk.clock, request
         )
         self._clock, self._clock_hz = ClockOffset(), 90_000

@@ -28,7 +28,7 @@ _FEW = 30
 """Samples that a clock's offset needs."""
 
 
-class Wire:
+class TcpConnection:
     """A TCP connection that a thread reads, and makes anew once it breaks.
 
     What arrives is stamped at once, also while nobody takes it: over pages and breaks.

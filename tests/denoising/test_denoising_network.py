@@ -13,7 +13,7 @@ from pipeline.denoising.network import (
     FACTS_KEY,
     LOD_SCALE,
     DenoisingNetwork,
-    Facts,
+    NetworkFacts,
     inputs_of,
     seen_by,
     shipped_network,
@@ -46,7 +46,7 @@ def pools_of(picture, gaze_px=(40.0, 30.0)):
 
 def saved(path, kind="moments", seed=0, weights=None, facts=None):
     weights = unet.first_weights(kind, 5, seed) if weights is None else weights
-    path.write_bytes(unet.to_onnx(weights, facts or Facts(kind)))
+    path.write_bytes(unet.to_onnx(weights, facts or NetworkFacts(kind)))
     return path
 
 
@@ -160,7 +160,7 @@ def test_perfect_moments_come_out_as_the_clean_pictures_metamer(tmp_path, gl_con
     noise = np.random.default_rng(0).uniform(0, 1, clean.shape).astype(np.float32)
     own = maps_of(noise, pools)
     lacking = maps.base - own.base, maps.packed() - own.packed()
-    path = saying(tmp_path / "knows.onnx", *lacking, Facts("moments"))
+    path = saying(tmp_path / "knows.onnx", *lacking, NetworkFacts("moments"))
     expected = metamer(clean, pools, MetamerSettings(), 7)
 
     for ctx, tolerance in ((None, 1e-3), (gl_context, 0.5 / 255)):
@@ -170,13 +170,17 @@ def test_perfect_moments_come_out_as_the_clean_pictures_metamer(tmp_path, gl_con
 
 
 def test_equal_weights_give_equal_bytes():
-    one, other = (unet.to_onnx(unet.first_weights("rgb", 5, 2), Facts("rgb")) for _ in range(2))
+    one, other = (
+        unet.to_onnx(unet.first_weights("rgb", 5, 2), NetworkFacts("rgb")) for _ in range(2)
+    )
     assert one == other
-    assert one != unet.to_onnx(unet.first_weights("rgb", 5, 3), Facts("rgb"))
+    assert one != unet.to_onnx(unet.first_weights("rgb", 5, 3), NetworkFacts("rgb"))
 
 
 def test_facts_come_back_from_the_file(tmp_path):
-    facts = Facts("moments", pooling=Pooling("linear", 0.46), made={"seed": 9, "scenes": ["shed"]})
+    facts = NetworkFacts(
+        "moments", pooling=Pooling("linear", 0.46), made={"seed": 9, "scenes": ["shed"]}
+    )
     assert DenoisingNetwork(saved(tmp_path / "m.onnx", facts=facts)).facts == facts
 
 
@@ -188,18 +192,20 @@ def test_files_that_are_no_network_get_one_message(tmp_path):
     with pytest.raises(InputError, match="must be an ONNX model"):
         DenoisingNetwork(path)
 
-    model = onnx.load_from_string(unet.to_onnx(unet.first_weights("rgb", 5, 0), Facts("rgb")))
+    model = onnx.load_from_string(
+        unet.to_onnx(unet.first_weights("rgb", 5, 0), NetworkFacts("rgb"))
+    )
     del model.metadata_props[:]
     path.write_bytes(model.SerializeToString())
     with pytest.raises(InputError, match="does not say what it is for"):
         DenoisingNetwork(path)
-    facts = json.loads(Facts("rgb").to_json())
+    facts = json.loads(NetworkFacts("rgb").to_json())
     for wrong in ({"version": 1}, {"kind": "sound"}, {"pooling": 3}, {"levels": 99}, {"made": 1}):
         onnx.helper.set_model_props(model, {FACTS_KEY: json.dumps(facts | wrong)})
         path.write_bytes(model.SerializeToString())
         with pytest.raises(InputError, match="must say what the network is for"):
             DenoisingNetwork(path)
-    onnx.helper.set_model_props(model, {FACTS_KEY: Facts("moments").to_json()})
+    onnx.helper.set_model_props(model, {FACTS_KEY: NetworkFacts("moments").to_json()})
     path.write_bytes(model.SerializeToString())
     with pytest.raises(InputError, match="must take 32 channels and give 3 and 25"):
         DenoisingNetwork(path)
@@ -212,7 +218,7 @@ def test_maps_of_another_size_and_nan_are_refused(picture, tmp_path):
         (np.zeros((8, 8, 3)), np.zeros((2, 2, 25))),
         (np.zeros((80, 104, 3)), np.full((20, 26, 25), np.nan)),
     ):
-        network = DenoisingNetwork(saying(path, base, maps, Facts("moments")))
+        network = DenoisingNetwork(saying(path, base, maps, NetworkFacts("moments")))
         with pytest.raises(InputError, match="finite maps of the picture's size"):
             network.moments(picture, pools)
 

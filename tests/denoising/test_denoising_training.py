@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.denoising.maps import maps_of
-from pipeline.denoising.network import DenoisingNetwork, Facts, inputs_of, seen_by
+from pipeline.denoising.network import DenoisingNetwork, NetworkFacts, inputs_of, seen_by
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.lod import Pools
@@ -127,7 +127,7 @@ def test_torch_and_the_file_compute_the_same(torch, pair, tmp_path):
     for kind in ("moments", "rgb"):
         weights = unet.first_weights(kind, 5, 1)
         path = tmp_path / "n.onnx"
-        path.write_bytes(unet.to_onnx(weights, Facts(kind)))
+        path.write_bytes(unet.to_onnx(weights, NetworkFacts(kind)))
         network = DenoisingNetwork(path)
         layers = [tuple(torch.from_numpy(part) for part in pair_of) for pair_of in weights]
         seen = seen_by(pair.clean, pools)

@@ -16,7 +16,7 @@ from stimuli.score.available import split_available
 from stimuli.score.band_ratios import EDGES_DEG, RingEnergies
 from stimuli.score.cache import Cache
 from stimuli.score.foveated import METRICS_OF_FOVEATION, score_foveated, seen_wide
-from stimuli.score.measured import Measured
+from stimuli.score.measured import PairScores
 from stimuli.score.metrics import BLIND, METRICS
 from study_app.cli import app
 
@@ -129,7 +129,7 @@ def test_shapes_that_do_not_fit_are_refused(test, truth, gaze, said):
 
 def test_curves_are_kept_with_the_numbers(tmp_path):
     cache = Cache(tmp_path)
-    cache.write("key", Measured({("a", "frame"): 1.0}, curves={"level 0": ((1.0, 0.5),)}))
+    cache.write("key", PairScores({("a", "frame"): 1.0}, curves={"level 0": ((1.0, 0.5),)}))
 
     assert cache.read("key").curves == {"level 0": ((1.0, 0.5),)}
 

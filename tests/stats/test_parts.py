@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from undrawn_reports import drawn_narrow, undrawn
 
 from analysis.models import preference_posterior
-from analysis.parts import Estimate, Part, Shown, added, computed, estimates_of
+from analysis.parts import Estimate, Part, Presentation, added, computed, estimates_of
 from analysis.parts.interim_looks import LooksPart
 from analysis.report.write_report import report_decisions
 from analysis.tables.table import Table
@@ -455,7 +455,7 @@ def test_rows_without_a_time_or_without_an_answer_are_left_out_and_counted(trial
     assert "left out without an answer: 2 rows (lines 5, 7)" in table.notes
 
 
-def shown(kind, options, rows, part) -> Shown:
+def shown(kind, options, rows, part) -> Presentation:
     """Blocks that a part shows of rows."""
     analysis = analysis_of(kind)
     plan = analysis.settings_of_table(rows, "rows", analysis.options(**options))
@@ -529,7 +529,7 @@ class Draws(Part[Any, Number]):
         return Number(sum(one.value for one in found.values()) or chance.random())
 
     def show(self, found, _plan):
-        return Shown(sentences=(f"{found.value}",))
+        return Presentation(sentences=(f"{found.value}",))
 
 
 PLAN = TimesPlan(study="s", title="s")

@@ -17,7 +17,7 @@ from protocols.journal_file import read_journal
 from protocols.load import load_study
 from protocols.phases import STUDY_QUESTION, Bar, Bitmap, Clip, Image, Phase, Question, QuestionText
 from protocols.plan import make_plan
-from protocols.script import Picture, Stored, example_scripts, trial_script
+from protocols.script import Picture, StoredPicture, example_scripts, trial_script
 from protocols.study_file.session_schema import Gaze
 from protocols.tasks.two_interval import TwoInterval
 from protocols.viewing import Viewing
@@ -379,5 +379,5 @@ def test_what_a_task_draws_itself_is_a_picture_by_its_hash(monkeypatch):
     script = trial_script(study, display, manifest, trial, "en")
     (_, picture) = script.phases[1].show
     assert isinstance(picture, Picture)
-    assert isinstance(picture.of, Stored)
+    assert isinstance(picture.of, StoredPicture)
     assert drawn(picture.of, bitmaps_of(study, display)).tobytes() == rgba

@@ -8,7 +8,7 @@ from scipy.special import expit, ndtr, ndtri
 
 from analysis.arrays import Floats
 from analysis.models.clustered import holm
-from analysis.models.contrasts import Crossed, Difference, Pair, wald
+from analysis.models.contrasts import CrossedDesign, Difference, Pair, wald
 from analysis.models.curves.quadrature import mean_lapse
 from analysis.models.curves.response import ResponseFunction, axis_of
 from analysis.models.numeric import delta_method
@@ -102,7 +102,7 @@ class Population:
     logarithmic: bool
     response: ResponseFunction
     own: Mapping[str, Mapping[str, float]]
-    crossed: Crossed
+    crossed: CrossedDesign
     levels: tuple[float, ...]
     level: float
     proper: bool
@@ -226,7 +226,7 @@ class Population:
         size, of_model = delta_method(
             lambda theta: np.log(np.abs(self._slopes(theta))), self.theta, self.covariance
         )
-        people = Crossed({"participant": self.crossed.shares["participant"]}, {})
+        people = CrossedDesign({"participant": self.crossed.shares["participant"]}, {})
         told = [
             wald("ln slope", self.names, pairs, size, own, crossed=people, level=self.level)
             for own in (of_model, self.robust)

@@ -11,7 +11,7 @@ from analysis.arrays import Floats, Ints
 from analysis.models.cells import checked, grid, numbered
 from analysis.models.contrasts import (
     IN_CONDITION,
-    Crossed,
+    CrossedDesign,
     absorbing,
     equal,
     pairs_of,
@@ -155,7 +155,7 @@ def time_model(
         for kind, name in (("participants", "participant"), ("scenes", "scene"))
         if name in sd and sd[name] < NO_SPREAD
     ]
-    crossed = Crossed.of(condition, groups, sd)
+    crossed = CrossedDesign.of(condition, groups, sd)
     error = np.sqrt(np.diag(covariance))
     df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
     reach = two_sided_quantile(level, df) * error

@@ -10,7 +10,7 @@ import pandas as pd
 from analysis.data_dictionary import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.critical_scaling import CriticalScaling, critical_scalings
-from analysis.parts import PartFigure, Shown, SimplePart
+from analysis.parts import PartFigure, Presentation, SimplePart
 from analysis.parts.levels import SECTION, TRUST, Counts, counts_in, levels_axis
 from analysis.parts.shared import difference_tables, in_order
 from analysis.plans.rate_plan import RatePlan
@@ -31,7 +31,7 @@ from protocols.prose import count_of
 
 
 @dataclass(frozen=True)
-class Critical:
+class CriticalScalings:
     """Every number; `counts` as d' of all answers is drawn beside the fits."""
 
     fits: tuple[CriticalScaling, ...]
@@ -40,7 +40,7 @@ class Critical:
     notes: tuple[str, ...] = ()
 
 
-class CriticalPart(SimplePart[RatePlan, Critical]):
+class CriticalPart(SimplePart[RatePlan, CriticalScalings]):
     """The largest scaling that cannot be told apart, of ABX and which-half."""
 
     name: ClassVar[str] = "critical"
@@ -50,7 +50,7 @@ class CriticalPart(SimplePart[RatePlan, Critical]):
         """Return True if there is a level along which answers get better."""
         return plan.level is not None and not plan.falling
 
-    def of(self, table: pd.DataFrame, plan: RatePlan) -> Critical:
+    def of(self, table: pd.DataFrame, plan: RatePlan) -> CriticalScalings:
         """Fit every condition."""
         column = str(plan.level)
         if (pd.to_numeric(table[column]) <= 0).any():
@@ -59,9 +59,9 @@ class CriticalPart(SimplePart[RatePlan, Critical]):
             table, plan.compared, column=column, rule=plan.rule, level=plan.confidence
         )
         ordered = in_order(fits, plan, lambda one: one.condition)
-        return Critical(ordered, compared, counts_in(table, plan))
+        return CriticalScalings(ordered, compared, counts_in(table, plan))
 
-    def show(self, found: Critical, plan: RatePlan) -> Shown:
+    def show(self, found: CriticalScalings, plan: RatePlan) -> Presentation:
         """Return critical scalings and gains, differences, and each participant's own."""
         fits, label = found.fits, plan.label
         placed = [one for one in fits if one.critical_identified]
@@ -92,7 +92,7 @@ class CriticalPart(SimplePart[RatePlan, Critical]):
             " (curves); below, critical scalings of the typical participant with"
             f" {plan.limits}, where these data identify them."
         )
-        return Shown(
+        return Presentation(
             lead=(lead,) if placed else (),
             blocks=(
                 Heading("Critical scaling"),

@@ -10,7 +10,7 @@ import pandas as pd
 
 from analysis.models.curves.goodness_of_fit import Misfit, curve_misfits, misfits
 from analysis.models.trends import Course, Trend, course, trend
-from analysis.parts import Part, PartFigure, Shown
+from analysis.parts import Part, PartFigure, Presentation
 from analysis.parts.levels import SECTION, Curves, figure_axes, section_title
 from analysis.parts.shared import condition, in_order
 from analysis.plans.rate_plan import RatePlan
@@ -93,7 +93,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
             notes=tuple(notes),
         )
 
-    def show(self, found: Goodness, plan: RatePlan) -> Shown:
+    def show(self, found: Goodness, plan: RatePlan) -> Presentation:
         """Return a picture of the model's own studies, and of the answers' place among them."""
         over = found.trend
         simulated = "studies that the model simulates"
@@ -147,7 +147,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
         ]
         columns = ("condition", "deviance", "expected", "cells", "p", "p_adjusted", "level_p",
                    "level_p_adjusted")  # fmt: skip
-        return Shown(
+        return Presentation(
             title=section_title(plan),
             blocks=(
                 FigurePlace(self.name),

@@ -13,7 +13,7 @@ from analysis.models.curves.psychometric_posterior import (
     compare_thresholds,
     psychometric_posterior,
 )
-from analysis.parts import Shown
+from analysis.parts import Presentation
 from analysis.parts.levels import (
     TRUST,
     Counts,
@@ -119,7 +119,7 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
             stated=_compared(stated, of="stated"),
         )
 
-    def show(self, found: OwnCurves, plan: RatePlan) -> Shown:
+    def show(self, found: OwnCurves, plan: RatePlan) -> Presentation:
         """Return each person's curve in a row, and what differs within people."""
         label, at = plan.label, ""
         if plan.threshold_at is not None:
@@ -142,7 +142,7 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
             if one.known
             for place in [one.fit.threshold]
         }
-        return Shown(
+        return Presentation(
             title=self.title(plan),
             blocks=(
                 FigurePlace("own_curves"),

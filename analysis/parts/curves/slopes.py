@@ -9,7 +9,7 @@ import pandas as pd
 from analysis.data_dictionary import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.curves.population import Population, Threshold
-from analysis.parts import Shown
+from analysis.parts import Presentation
 from analysis.parts.levels import LevelsPart, population_model, threshold_cells, width_title
 from analysis.parts.shared import TESTED, apa_test, compared, in_order
 from analysis.plans.rate_plan import RatePlan, shown_in
@@ -60,13 +60,13 @@ class SlopesPart(LevelsPart[Slopes]):
             notes=_notes(model.population, plan),
         )
 
-    def show(self, found: Slopes, plan: RatePlan) -> Shown:
+    def show(self, found: Slopes, plan: RatePlan) -> Presentation:
         """Return slopes' ratios, and the model that they come from."""
         ratios = found.ratios
         lines = frame_of(Difference, ratios)
         for name in ("difference", "lower", "upper"):
             lines[name.replace("difference", "ratio")] = lines[name].map(math.exp)
-        return Shown(
+        return Presentation(
             title=self.title(plan),
             blocks=(
                 TableBlock.of(

@@ -11,7 +11,7 @@ import pandas as pd
 from analysis.data_dictionary import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.curves.population import Population, Threshold
-from analysis.parts import Part, Shown
+from analysis.parts import Part, Presentation
 from analysis.parts.levels import (
     SECTION,
     Counts,
@@ -93,7 +93,7 @@ class StatedPart(Part[RatePlan, StatedThresholds]):
             population=population,
         )
 
-    def show(self, found: StatedThresholds, plan: RatePlan) -> Shown:
+    def show(self, found: StatedThresholds, plan: RatePlan) -> Presentation:
         """Return thresholds, what differs, and the curves with the share that is stated."""
         assert plan.threshold_at is not None
         at = performance_in_words(plan.threshold_at)
@@ -141,7 +141,7 @@ class StatedPart(Part[RatePlan, StatedThresholds]):
             else f"{plan.label(one.condition)} {NOT_IDENTIFIED}"
             for one, known in zip(found.thresholds, placed, strict=True)
         ]
-        return Shown(
+        return Presentation(
             title=section_title(plan),
             blocks=(
                 FigurePlace(self.name),

@@ -34,7 +34,7 @@ from analysis.tidy import read_sessions
 from pipeline.compression.codec import CompressionSettings as CompressedAs
 from pipeline.compression.codec import compress, decompress
 from pipeline.compression.compressed_file import read_compressed, to_bytes
-from pipeline.denoising.network import DenoisingNetwork, Facts
+from pipeline.denoising.network import DenoisingNetwork, NetworkFacts
 from pipeline.image_file import write_pixels
 from pipeline.methods.onnx import OnnxNetwork
 from pipeline.textures.bake import strips
@@ -275,7 +275,7 @@ def write_samples(folder: Path) -> None:
     channels = (4, *[2] * 7, 28)
     layers = [(np.ones((out, taken, 3, 3), np.float32), np.ones(out, np.float32))
               for taken, out in pairwise(channels)]  # fmt: skip
-    (folder / "dn.onnx").write_bytes(to_onnx(layers, Facts("moments")))
+    (folder / "dn.onnx").write_bytes(to_onnx(layers, NetworkFacts("moments")))
     _write_tables(folder, rng)
     _write_studies(folder)
     _write_live_log(folder / "live.jsonl")

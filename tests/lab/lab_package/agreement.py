@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import pandas as pd
 from scipy import stats
 
-from analysis.parts import Part, Shown
+from analysis.parts import Part, Presentation
 from protocols.blocks import Paragraph
 
 
@@ -38,7 +38,7 @@ class LabSides(Part):
 
     def show(self, found, _plan):
         said = f"{found.more} of {found.people} people chose it more often."
-        return Shown(
+        return Presentation(
             blocks=(Paragraph(said),),
             sentences=(said,),
             methods="The lab made a sign test of people.",

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from stimuli.score.measured import Measured
+from stimuli.score.measured import PairScores
 from stimuli.score.metrics import Family, Metric, PluginMetrics
 
 
 def measure(pair, _viewing, _gaze):
     errors = [float(np.abs(test - truth).mean()) for _, test, truth, _ in pair.walk()]
-    return Measured({("lab-error", region): float(np.mean(errors)) for region in pair.regions})
+    return PairScores({("lab-error", region): float(np.mean(errors)) for region in pair.regions})
 
 
 METRICS = PluginMetrics(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from analysis.parts import Part, Shown
+from analysis.parts import Part, Presentation
 from protocols.blocks import Paragraph
 
 
@@ -28,7 +28,7 @@ class LabFast(Part):
 
     def show(self, found, _plan):
         said = f"{100 * found.share:.0f} % of answers came within 0.5 s."
-        return Shown(
+        return Presentation(
             blocks=(Paragraph(said),),
             sentences=(said,),
             methods="The lab counted answers within 0.5 s.",

@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
-from analysis.parts import Part, Shown, computed
+from analysis.parts import Part, Presentation, computed
 from analysis.parts.preferences import PreferencesPart
 from analysis.parts.ratings import RatingsPart
 from analysis.pilot import rating_deviations
@@ -138,7 +138,7 @@ class Sides(Part):
         return found
 
     def show(self, _found, _plan):
-        return Shown()
+        return Presentation()
 
 
 class Never(Sides):

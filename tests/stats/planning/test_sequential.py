@@ -25,7 +25,7 @@ from analysis.models.sequential_bounds import (
     standing,
 )
 from analysis.parts import computed, estimates_of
-from analysis.parts.comparisons import ComparisonsPart, Planned
+from analysis.parts.comparisons import ComparisonsPart, PlannedTests
 from analysis.parts.interim_looks import LooksPart
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.shared import difference_estimates
@@ -323,7 +323,7 @@ def gap(p: float, adjusted: float) -> Difference:
 def test_a_look_judges_p_as_the_study_corrects_it(adaptive, correction, judged):
     """Three p of .02, .04 and .5: Holm's least is 3 x .02. Thresholds are compared alike."""
     plan = RatePlan.model_construct(correction=correction, adaptive=adaptive, labels={})
-    found = Planned(tuple(starmap(gap, ((0.04, 0.08), (0.02, 0.06), (0.5, 0.5)))), (), ())
+    found = PlannedTests(tuple(starmap(gap, ((0.04, 0.08), (0.02, 0.06), (0.5, 0.5)))), (), ())
 
     assert ComparisonsPart().planned_p(found, plan) == judged
     shown = difference_estimates(found.differences, {"a": 1, "b": 1}, plan)
