@@ -30,7 +30,7 @@ __all__ = ["HOLES_FOLDER", "BuildOutcome", "Report", "build", "survey_name"]
 
 
 def build(
-    orders: BuildPlan,
+    plan: BuildPlan,
     out: Path,
     executor: Executor,
     *,
@@ -55,7 +55,7 @@ def build(
     """
     out.mkdir(parents=True, exist_ok=True)
     with only_build(out):
-        return _WarpedBuild(orders, out, executor, parallel, report or (lambda *_: None)).run()
+        return _WarpedBuild(plan, out, executor, parallel, report or (lambda *_: None)).run()
 
 
 class _WarpedBuild(ClipBuild[ClipName]):
@@ -64,28 +64,28 @@ class _WarpedBuild(ClipBuild[ClipName]):
     words: ClassVar = {"survey": "path of {0.scene}__{0.size}", **ClipBuild.words}
 
     def __init__(
-        self, orders: BuildPlan, out: Path, executor: Executor, parallel: int, report: Report
+        self, plan: BuildPlan, out: Path, executor: Executor, parallel: int, report: Report
     ) -> None:
-        clips, names = orders.protocol.warped.clips, orders.clip_names
-        super().__init__(orders.protocol, out, executor, parallel + 1, report, names, clips.frames)
-        self.orders, self.previews, self.exr = orders, clips.preview, clips.exr
+        clips, names = plan.protocol.warped.clips, plan.clip_names
+        super().__init__(plan.protocol, out, executor, parallel + 1, report, names, clips.frames)
+        self.plan, self.previews, self.exr = plan, clips.preview, clips.exr
         self.draft: WarpedDraft
         self.surveys: dict[str, Survey] = {}
         self.groups: dict[str, list[ClipName]] = {}
         """Missing clips by their survey."""
-        scenes = [scene.name for scene in orders.protocol.warped.scenes]
+        scenes = [scene.name for scene in plan.protocol.warped.scenes]
         self.scene_rank = {name: scenes.index(name.scene) for name in names}
         self.rank = {name: rank for rank, name in enumerate(names)}
 
     def open_draft(self) -> WarpedDraft:
-        return WarpedDraft(self.orders, self.out, self.executor.submit(describe_renderer).result())
+        return WarpedDraft(self.plan, self.out, self.executor.submit(describe_renderer).result())
 
     def known(self, name: ClipName, old: Clip | None) -> Clip | None:
         return old if self.draft.is_done(name, old) else None
 
     def keys(self, missing: Sequence[ClipName]) -> Iterable[str]:
-        orders = self.orders
-        return [key(name) for name in missing for key in (orders.survey_key, orders.clip_key)]
+        plan = self.plan
+        return [key(name) for name in missing for key in (plan.survey_key, plan.clip_key)]
 
     def first_jobs(self, missing: Sequence[ClipName]) -> list[Job[ClipName]]:
         for name in missing:
@@ -99,14 +99,14 @@ class _WarpedBuild(ClipBuild[ClipName]):
     def submit(self, kind: str, name: ClipName) -> Future[Any]:
         work = self.out / BUILD_FOLDER
         if kind == "survey":
-            key = self.orders.survey_key(name)
+            key = self.plan.survey_key(name)
             finished = self.out / HOLES_FOLDER / survey_name(name)
             unfinished = work / "surveys" / key
             folder = finished if read_survey(finished, key) is not None else unfinished
-            return self.executor.submit(survey_job, self.orders, name, folder)
-        self.active[name] = work / "clips" / self.orders.clip_key(name)
+            return self.executor.submit(survey_job, self.plan, name, folder)
+        self.active[name] = work / "clips" / self.plan.clip_key(name)
         survey = self.surveys[survey_name(name)]
-        return self.executor.submit(clip_job, self.orders, name, survey, self.active[name])
+        return self.executor.submit(clip_job, self.plan, name, survey, self.active[name])
 
     def finish(self, kind: str, name: ClipName, job: Future[Any]) -> list[Job[ClipName]]:
         try:

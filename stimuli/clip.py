@@ -60,17 +60,17 @@ class Survey:
 
 
 def take_survey(
-    ctx: moderngl.Context | None, scenery: Scenery, orders: BuildPlan, clip: ClipName, folder: Path
+    ctx: moderngl.Context | None, scenery: Scenery, plan: BuildPlan, clip: ClipName, folder: Path
 ) -> Survey:
     """Solve the path of `clip`'s scene and size and write its hole masks into `folder`."""
-    key = orders.survey_key(clip)
+    key = plan.survey_key(clip)
     known = read_survey(folder, key)
     if known is not None:
         return known
     folder.mkdir(parents=True, exist_ok=True)
-    size = orders.size(clip)
-    shot = shot_of(orders, clip, 0.0)
-    if orders.scene(clip).has_own_path:
+    size = plan.size(clip)
+    shot = shot_of(plan, clip, 0.0)
+    if plan.scene(clip).has_own_path:
         extent_m = 0.0  # its files tell all motion
     elif size.extent_m is not None:
         extent_m = size.extent_m
@@ -82,7 +82,7 @@ def take_survey(
     else:
         assert size.hole_share is not None
         extent_m = solve_extent(ctx, scenery, shot, size.hole_share, f"{clip.scene}, {clip.size}")
-    footage = Footage(ctx, scenery, shot_of(orders, clip, extent_m), holes_only=True)
+    footage = Footage(ctx, scenery, shot_of(plan, clip, extent_m), holes_only=True)
     try:
         hashes, shares = [], []
         for frame in range(shot.frames):
@@ -124,14 +124,14 @@ def read_survey(folder: Path, key: str) -> Survey | None:
 def make_frames(
     ctx: moderngl.Context | None,
     scenery: Scenery,
-    orders: BuildPlan,
+    plan: BuildPlan,
     clip: ClipName,
     survey: Survey,
     folder: Path,
 ) -> list[str]:
     """Write every frame of `clip` into `folder` that is not there; return all their hashes."""
     folder.mkdir(parents=True, exist_ok=True)
-    clips = orders.protocol.warped.clips
+    clips = plan.protocol.warped.clips
     hashes: dict[int, str] = {}
     missing = []
     for frame in range(clips.frames):
@@ -143,7 +143,7 @@ def make_frames(
     waiting: deque[tuple[int, Future[str]]] = deque()
     with ThreadPoolExecutor(ENCODERS) as encoders:
         try:
-            for frame, colour in _frames(ctx, scenery, orders, clip, survey, missing):
+            for frame, colour in _frames(ctx, scenery, plan, clip, survey, missing):
                 path = folder / f"{frame:06d}.png"
                 job = encoders.submit(_store, path, colour, clips.bit_depth, clips.exr)
                 waiting.append((frame, job))
@@ -167,28 +167,28 @@ def read_mask(folder: Path, frame: int) -> NDArray[np.bool_]:
 def _frames(
     ctx: moderngl.Context | None,
     scenery: Scenery,
-    orders: BuildPlan,
+    plan: BuildPlan,
     clip: ClipName,
     survey: Survey,
     wanted: list[int],
 ) -> Iterator[tuple[int, NDArray[np.float32]]]:
     if not wanted:
         return
-    shot = shot_of(orders, clip, survey.extent_m)
+    shot = shot_of(plan, clip, survey.extent_m)
     footage = Footage(ctx, scenery, shot, margin_px=survey.margin_px)
     method, fills = None, None
     try:
-        if not orders.method(clip).is_reference:
-            given = orders.parameters(clip)
-            method = create_method(orders.registry_name(clip), ctx, given)
-            fills = Fills(method, footage, orders.protocol.warped.clips.seed)
-        view = orders.protocol.warped.clips.true_view
-        share = None if view is None else true_share(orders.render_px, orders.distance_px, view)
+        if not plan.method(clip).is_reference:
+            given = plan.parameters(clip)
+            method = create_method(plan.registry_name(clip), ctx, given)
+            fills = Fills(method, footage, plan.protocol.warped.clips.seed)
+        view = plan.protocol.warped.clips.true_view
+        share = None if view is None else true_share(plan.render_px, plan.distance_px, view)
         for frame in wanted:
             colour = footage.truth(frame) if fills is None else fills.frame(frame)
             if fills is not None and share is not None:
                 colour = with_true_view(colour, footage.truth(frame), share)
-            yield frame, _rescaled(colour, orders)
+            yield frame, _rescaled(colour, plan)
     except InputError as error:
         raise InputError(f"{clip}: {error}") from error
     finally:
@@ -199,18 +199,18 @@ def _frames(
         footage.release()
 
 
-def shot_of(orders: BuildPlan, clip: ClipName, extent_m: float) -> CameraShot:
+def shot_of(plan: BuildPlan, clip: ClipName, extent_m: float) -> CameraShot:
     """Return the camera and its path at an extent, as a clip is taken."""
-    clips = orders.protocol.warped.clips
-    path = make_path(orders.scene(clip).camera, clips.frames, clips.fps)
-    return CameraShot(path, orders.render_px, extent_m, clips.margin_share)
+    clips = plan.protocol.warped.clips
+    path = make_path(plan.scene(clip).camera, clips.frames, clips.fps)
+    return CameraShot(path, plan.render_px, extent_m, clips.margin_share)
 
 
-def _rescaled(colour: NDArray[np.float32], orders: BuildPlan) -> NDArray[np.float32]:
-    shown, filters = orders.shown_px, {"box": Image.Resampling.BOX}
-    if orders.protocol.warped.clips.rescale == "none" or orders.render_px == shown:
+def _rescaled(colour: NDArray[np.float32], plan: BuildPlan) -> NDArray[np.float32]:
+    shown, filters = plan.shown_px, {"box": Image.Resampling.BOX}
+    if plan.protocol.warped.clips.rescale == "none" or plan.render_px == shown:
         return colour
-    chosen = filters.get(orders.protocol.warped.clips.rescale, Image.Resampling.LANCZOS)
+    chosen = filters.get(plan.protocol.warped.clips.rescale, Image.Resampling.LANCZOS)
     planes = [
         np.asarray(Image.fromarray(np.ascontiguousarray(colour[..., c])).resize(shown, chosen))
         for c in range(3)

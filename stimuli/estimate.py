@@ -43,7 +43,7 @@ def free_bytes(out: Path) -> int:
     return shutil.disk_usage(there).free
 
 
-def estimate(orders: BuildPlan, out: Path, workers: int) -> BuildEstimate:
+def estimate(plan: BuildPlan, out: Path, workers: int) -> BuildEstimate:
     """Make one frame of the first scene by every method, time it, and multiply.
 
     A renderer in software takes time in proportion to pixels, so there a smaller frame is made.
@@ -57,17 +57,17 @@ def estimate(orders: BuildPlan, out: Path, workers: int) -> BuildEstimate:
     from pipeline.methods.registry import create_method
     from stimuli.worker import SceneContext
 
-    clips = orders.protocol.warped.clips
-    first = orders.clip_names[0]
+    clips = plan.protocol.warped.clips
+    first = plan.clip_names[0]
     bench = SceneContext()
     try:
         started = time.perf_counter()
-        scenery = bench.scenery(orders, first)
+        scenery = bench.scenery(plan, first)
         opened_s = time.perf_counter() - started
-        path = make_path(orders.scene(first).camera, clips.frames, clips.fps)
+        path = make_path(plan.scene(first).camera, clips.frames, clips.fps)
         extent = min(0.05 * scenery.typical_depth_m, scenery.largest_extent_m)
         slow = bench.ctx is None or describe(bench.ctx).software
-        tried = _tried_px(orders, scenery, slow)
+        tried = _tried_px(plan, scenery, slow)
         shot = CameraShot(path, tried, extent, clips.margin_share)
         footage = Footage(bench.ctx, scenery, shot, probe=[0])
         frame = min(1, shot.frames - 1)
@@ -75,14 +75,14 @@ def estimate(orders: BuildPlan, out: Path, workers: int) -> BuildEstimate:
         warped, warp_s = _timed(lambda: footage.warped(frame))
         times: dict[str, float] = {}
         frame_bytes = 0
-        for name in orders.clip_names:
+        for name in plan.clip_names:
             if (name.scene, name.size) != (first.scene, first.size):
                 continue
-            if orders.method(name).is_reference:
+            if plan.method(name).is_reference:
                 colour, frame_s = _timed(lambda: footage.truth(frame))  # compiled by the source
             else:
-                given = orders.parameters(name)
-                fill = create_method(orders.registry_name(name), bench.ctx, given)
+                given = plan.parameters(name)
+                fill = create_method(plan.registry_name(name), bench.ctx, given)
                 fill.fill(warped, clips.seed)
                 colour, fill_s = _timed(lambda: fill.fill(warped, clips.seed))  # noqa: B023
                 frame_s = warp_s + fill_s
@@ -90,24 +90,24 @@ def estimate(orders: BuildPlan, out: Path, workers: int) -> BuildEstimate:
             started = time.perf_counter()
             frame_bytes = max(frame_bytes, len(encode_frame(colour, clips.bit_depth)))
             encode_s = (time.perf_counter() - started) / ENCODERS
-            times[name.method] = max(frame_s, encode_s) * _pixels(orders.render_px) / _pixels(tried)
+            times[name.method] = max(frame_s, encode_s) * _pixels(plan.render_px) / _pixels(tried)
         footage.release()
     finally:
         bench.release()
-    frames = len(orders.clip_names) * clips.frames
-    pixels = _pixels(orders.shown_px)
+    frames = len(plan.clip_names) * clips.frames
+    pixels = _pixels(plan.shown_px)
     frame_bytes = frame_bytes * pixels // _pixels(tried)
     if clips.exr:
         frame_bytes += 3 * 4 * pixels
-    scenes = {name.scene for name in orders.clip_names}
-    surveys = {(name.scene, name.size) for name in orders.clip_names}
+    scenes = {name.scene for name in plan.clip_names}
+    surveys = {(name.scene, name.size) for name in plan.clip_names}
     usual_s = sum(times.values()) / len(times)
-    total_s = sum(clips.frames * times.get(name.method, usual_s) for name in orders.clip_names)
+    total_s = sum(clips.frames * times.get(name.method, usual_s) for name in plan.clip_names)
     total_s += len(scenes) * opened_s + len(surveys) * (clips.frames + 50) * 0.6 * usual_s
     return BuildEstimate(
-        clips=len(orders.clip_names),
+        clips=len(plan.clip_names),
         frames=frames,
-        size_px=orders.shown_px,
+        size_px=plan.shown_px,
         disk_bytes=round(1.05 * frames * frame_bytes),
         free_bytes=free_bytes(out),
         time_s=total_s / max(workers, 1),
@@ -123,11 +123,11 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
     return result, time.perf_counter() - started
 
 
-def _tried_px(orders: BuildPlan, scenery: Scenery, software: bool) -> tuple[int, int]:
+def _tried_px(plan: BuildPlan, scenery: Scenery, software: bool) -> tuple[int, int]:
     """Width and height of the frame that is timed; files may fit the whole size alone."""
-    width, height = orders.render_px
-    of_files = any(":" in method.registry_name for method in orders.protocol.warped.methods)
-    if not software or of_files or scenery.own_margin_px(orders.render_px) is not None:
+    width, height = plan.render_px
+    of_files = any(":" in method.registry_name for method in plan.protocol.warped.methods)
+    if not software or of_files or scenery.own_margin_px(plan.render_px) is not None:
         return width, height
     share = min(1.0, TRIED_PX / max(width, height))
     return max(1, round(share * width)), max(1, round(share * height))

@@ -32,12 +32,12 @@ COLUMNS = ("scene", "size", "frame", "warped", "mask", "depth", "send_back")
 _README = Path(__file__).with_name("holes_readme.md")
 
 
-def export_holes(orders: BuildPlan, out: Path, report: Callable[[int, int, str], None]) -> int:
+def export_holes(plan: BuildPlan, out: Path, report: Callable[[int, int, str], None]) -> int:
     """Write every warped frame of a study with its mask and depth; return how many frames.
 
     Parameters
     ----------
-    orders : BuildPlan
+    plan : BuildPlan
         The study; methods that are not here yet do not matter.
     out : Path
         A new or empty folder.
@@ -51,8 +51,8 @@ def export_holes(orders: BuildPlan, out: Path, report: Callable[[int, int, str],
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: must be a new or empty folder (something is in it)")
-    kinds = list({survey_name(clip): clip for clip in orders.clip_names}.values())
-    clips = orders.protocol.warped.clips
+    kinds = list({survey_name(clip): clip for clip in plan.clip_names}.values())
+    clips = plan.protocol.warped.clips
     total, done = len(kinds) * clips.frames, 0
     names = io.StringIO()
     table = csv.writer(names, lineterminator="\n")
@@ -60,10 +60,10 @@ def export_holes(orders: BuildPlan, out: Path, report: Callable[[int, int, str],
     with whole_folder(out) as work, lent_context() as ctx:
         for clip in kinds:
             report(done, total, f"{clip.scene}, {clip.size}: finding the path")
-            scenery = open_scenery(ctx, orders.scene(clip), orders.folder)
+            scenery = open_scenery(ctx, plan.scene(clip), plan.folder)
             place = Path(clip.scene) / clip.size
-            survey = take_survey(ctx, scenery, orders, clip, work / place / "mask")
-            shot = shot_of(orders, clip, survey.extent_m)
+            survey = take_survey(ctx, scenery, plan, clip, work / place / "mask")
+            shot = shot_of(plan, clip, survey.extent_m)
             footage = Footage(ctx, scenery, shot, margin_px=survey.margin_px)
             for part in ("warped", "depth"):
                 (work / place / part).mkdir()
@@ -87,10 +87,10 @@ def export_holes(orders: BuildPlan, out: Path, report: Callable[[int, int, str],
             footage.release()
             scenery.release()
         write_whole(work / NAMES_FILE, names.getvalue().encode())
-        width, height = orders.render_px
+        width, height = plan.render_px
         readme = _README.read_text(encoding="utf-8").format(
             clips=len(kinds), frames=clips.frames, width=width, height=height, bits=clips.bit_depth,
-            study=orders.protocol.study.name,
+            study=plan.protocol.study.name,
         )  # fmt: skip
         write_whole(work / README_FILE, page_bytes(readme))
     return total

@@ -126,9 +126,9 @@ def is_whole(folder: Path, record: Clip, endings: Sequence[str] = (".png",)) -> 
 class WarpedDraft(ManifestDraft):
     """The draft of a batch of warped clips."""
 
-    def __init__(self, orders: BuildPlan, out: Path, renderer: RendererInfo) -> None:
-        super().__init__(orders.protocol, orders.display, out, renderer)
-        self._orders = orders
+    def __init__(self, plan: BuildPlan, out: Path, renderer: RendererInfo) -> None:
+        super().__init__(plan.protocol, plan.display, out, renderer)
+        self._orders = plan
         self._noted: dict[str, str] = {}  # of mesh scenes, by name
 
     def _notes(self, scene: MeshScene) -> str:
@@ -151,11 +151,11 @@ class WarpedDraft(ManifestDraft):
 
     def record(self, name: ClipName, survey: Survey, hashes: list[str]) -> Clip:
         """Return the manifest's entry of a clip with these frames."""
-        orders = self._orders
+        plan = self._orders
         scene, clips, (width, height) = (
-            orders.scene(name),
-            orders.protocol.warped.clips,
-            orders.shown_px,
+            plan.scene(name),
+            plan.protocol.warped.clips,
+            plan.shown_px,
         )
         parameters: dict[str, Scalar | tuple[Scalar, ...]] = {
             "path": scene.camera.kind,
@@ -165,7 +165,7 @@ class WarpedDraft(ManifestDraft):
             "hole_share_most": survey.hole_share_most,
             "hole_masks_sha256": survey.masks_hash,
             "scene_seed": scene.seed,
-            "method": orders.method(name).registry_name,
+            "method": plan.method(name).registry_name,
             "exr": clips.exr,
             "preview": clips.preview,
         }
@@ -174,7 +174,7 @@ class WarpedDraft(ManifestDraft):
             parameters["depth_speckle"] = scene.depth_speckle
         if isinstance(scene, MeshScene) and (notes := self._notes(scene)):
             parameters["noted"] = notes
-        for key, value in orders.parameters(name).items():
+        for key, value in plan.parameters(name).items():
             if value is not None:
                 parameters[f"method.{key}"] = tuple(value) if isinstance(value, list) else value
         return Clip(
@@ -187,7 +187,7 @@ class WarpedDraft(ManifestDraft):
             seed=clips.seed,
             parameters=parameters,
             hole_share=survey.hole_share,
-            cache_key=orders.clip_key(name),
+            cache_key=plan.clip_key(name),
             frames_sha256=tuple(hashes),
         )
 

@@ -105,13 +105,13 @@ class SceneContext:
         self._key: tuple[str, str] | None = None
         self._scenery: Scenery | None = None
 
-    def scenery(self, orders: BuildPlan, clip: ClipName) -> Scenery:
+    def scenery(self, plan: BuildPlan, clip: ClipName) -> Scenery:
         """Return the clip's scene, opened."""
-        scene = orders.scene(clip)
-        key = (str(orders.folder), scene.model_dump_json())
+        scene = plan.scene(clip)
+        key = (str(plan.folder), scene.model_dump_json())
         if self._scenery is None or self._key != key:
             self._drop()
-            self._scenery, self._key = open_scenery(self.ctx, scene, orders.folder), key
+            self._scenery, self._key = open_scenery(self.ctx, scene, plan.folder), key
         return self._scenery
 
     def release(self) -> None:
@@ -145,24 +145,24 @@ def describe_renderer() -> RendererInfo:
     return SCENES.do(None, lambda scenes: scenes.renderer)
 
 
-def survey_job(orders: BuildPlan, clip: ClipName, folder: Path) -> tuple[Survey, RendererInfo]:
+def survey_job(plan: BuildPlan, clip: ClipName, folder: Path) -> tuple[Survey, RendererInfo]:
     """Survey a scene and size into `folder`."""
 
     def job(scenes: SceneContext) -> tuple[Survey, RendererInfo]:
-        scenery = scenes.scenery(orders, clip)
-        return take_survey(scenes.ctx, scenery, orders, clip, folder), scenes.renderer
+        scenery = scenes.scenery(plan, clip)
+        return take_survey(scenes.ctx, scenery, plan, clip, folder), scenes.renderer
 
     return SCENES.do(None, job)
 
 
 def clip_job(
-    orders: BuildPlan, clip: ClipName, survey: Survey, folder: Path
+    plan: BuildPlan, clip: ClipName, survey: Survey, folder: Path
 ) -> tuple[list[str], RendererInfo]:
     """Make the frames of a clip in `folder`; return their hashes."""
 
     def job(scenes: SceneContext) -> tuple[list[str], RendererInfo]:
-        scenery = scenes.scenery(orders, clip)
-        return make_frames(scenes.ctx, scenery, orders, clip, survey, folder), scenes.renderer
+        scenery = scenes.scenery(plan, clip)
+        return make_frames(scenes.ctx, scenery, plan, clip, survey, folder), scenes.renderer
 
     return SCENES.do(None, job)
 

@@ -21,7 +21,7 @@ class WarpedClipBuilder(Builder):
     """Renders, warps and fills in processes of its own, or on a cluster."""
 
     @cached_property
-    def orders(self) -> BuildPlan:
+    def plan(self) -> BuildPlan:
         """Clips to make."""
         return BuildPlan(self.protocol, self.display, self.folder)
 
@@ -64,11 +64,11 @@ class WarpedClipBuilder(Builder):
 
     @cached_property
     def _scenes(self) -> SceneFindings:
-        return look_at_scenes(self.orders)
+        return look_at_scenes(self.plan)
 
     @cached_property
     def _fills(self) -> SceneFindings:
-        return look_at_fills(self.orders)
+        return look_at_fills(self.plan)
 
     def _need_all(self) -> None:
         if self.lacking():
@@ -79,7 +79,7 @@ class WarpedClipBuilder(Builder):
         from stimuli.estimate import estimate
 
         self._need_all()
-        return estimate(self.orders, out, workers)
+        return estimate(self.plan, out, workers)
 
     def build(self, out: Path, where: BuildMachine, report: Report) -> BuildOutcome[ClipName]:
         """Build what is missing of the clips."""
@@ -91,9 +91,9 @@ class WarpedClipBuilder(Builder):
             if where.scheduler is not None:
                 executor, parallel = stack.enter_context(dask_cluster(where.scheduler, where.tls))
             else:
-                parallel = where.workers or min(cores(), len(self.orders.clip_names))
+                parallel = where.workers or min(cores(), len(self.plan.clip_names))
                 executor = stack.enter_context(local_processes(parallel))
-            return build(self.orders, out, executor, parallel=parallel, report=report)
+            return build(self.plan, out, executor, parallel=parallel, report=report)
 
     def summary(self, outcome: BuildOutcome[ClipName]) -> tuple[Sequence[str], list[Sequence[str]]]:
         """Return extent and holes of every scene and size."""

@@ -35,19 +35,19 @@ class SceneFindings:
     """Files that only a build needs."""
 
 
-def look_at_scenes(orders: BuildPlan) -> SceneFindings:
+def look_at_scenes(plan: BuildPlan) -> SceneFindings:
     """Open what scenes name, as far as it is here."""
     found = SceneFindings()
-    for index, scene in enumerate(orders.protocol.warped.scenes):
+    for index, scene in enumerate(plan.protocol.warped.scenes):
         place = f"stimuli.scenes[{index}]"
         try:
             if isinstance(scene, StereoScene):
-                _pair(found, place, orders, scene)
+                _pair(found, place, plan, scene)
             elif isinstance(scene, MeshScene):
-                notes = open_world(scene, orders.folder).notes
+                notes = open_world(scene, plan.folder).notes
                 found.doubtful.extend(Problem(place, note) for note in notes)
             elif isinstance(scene, ExrScene) and scene.has_own_path:
-                _sequence(found, place, orders, scene)
+                _sequence(found, place, plan, scene)
         except FileNotFoundError:
             continue
         except (InputError, OSError) as error:
@@ -55,26 +55,26 @@ def look_at_scenes(orders: BuildPlan) -> SceneFindings:
     return found
 
 
-def look_at_fills(orders: BuildPlan) -> SceneFindings:
+def look_at_fills(plan: BuildPlan) -> SceneFindings:
     """Open the networks and count the frames that methods name, as far as they are here."""
     found = SceneFindings()
     seen: set[str] = set()
-    if not any(":" in method.registry_name for method in orders.protocol.warped.methods):
+    if not any(":" in method.registry_name for method in plan.protocol.warped.methods):
         return found
-    for clip in orders.clip_names:
-        method = orders.method(clip)
+    for clip in plan.clip_names:
+        method = plan.method(clip)
         kind, colon, _ = method.registry_name.partition(":")
-        name = orders.registry_name(clip)
+        name = plan.registry_name(clip)
         if method.is_reference or not colon or name in seen:
             continue
         seen.add(name)
-        place = f"stimuli.methods[{orders.protocol.warped.methods.index(method)}]"
+        place = f"stimuli.methods[{plan.protocol.warped.methods.index(method)}]"
         try:
             if kind == "frames":
-                for note in _check_frames(orders, clip):
+                for note in _check_frames(plan, clip):
                     found.doubtful.append(Problem(place, note))
             elif kind == "onnx":
-                _check_network(orders, clip)
+                _check_network(plan, clip)
         except ModuleNotFoundError as error:
             found.missing.append(Problem(place, str(error)))
         except FileNotFoundError as error:
@@ -86,16 +86,16 @@ def look_at_fills(orders: BuildPlan) -> SceneFindings:
     return found
 
 
-def _check_frames(orders: BuildPlan, clip: ClipName) -> list[str]:
+def _check_frames(plan: BuildPlan, clip: ClipName) -> list[str]:
     """Return notes on the header of a video of frames, or refuse the frames."""
-    path = orders.method(clip).registry_name.partition(":")[2]
+    path = plan.method(clip).registry_name.partition(":")[2]
     unknown = set(re.findall(r"\{(.*?)\}", path)) - {"scene", "size", "frame"}
     if unknown or FRAME in str(Path(path).parent):
         raise InputError(
             "the path of frames may hold {scene}, {size} and, in its last part, {frame}"
             f" (got {path!r})"
         )
-    alike = [other for other in orders.clip_names if other.method == clip.method]
+    alike = [other for other in plan.clip_names if other.method == clip.method]
     for column in ("scene", "size"):
         values = list(dict.fromkeys(getattr(other, column) for other in alike))
         if len(values) > 1 and f"{{{column}}}" not in path:
@@ -103,17 +103,17 @@ def _check_frames(orders: BuildPlan, clip: ClipName) -> list[str]:
                 f"the path of frames must hold {{{column}}}, for {' and '.join(values)} have other"
                 f" frames (got {path!r})"
             )
-    frames = FramesOnDisk(Path(orders.registry_name(clip).partition(":")[2]))
-    wanted = orders.protocol.warped.clips.frames
+    frames = FramesOnDisk(Path(plan.registry_name(clip).partition(":")[2]))
+    wanted = plan.protocol.warped.clips.frames
     if len(frames) != wanted:
         raise InputError(
             f"{frames.path}: must hold as many frames as the clip has, {wanted} (has {len(frames)})"
         )
     size_px = stated_size_px(frames.first) if frames.video is None else frames.video.size_px
     frames.release()
-    if size_px is not None and size_px != orders.render_px:
+    if size_px is not None and size_px != plan.render_px:
         raise InputError(
-            f"{frames.first}: must be {orders.render_px[0]} x {orders.render_px[1]} px as the"
+            f"{frames.first}: must be {plan.render_px[0]} x {plan.render_px[1]} px as the"
             f" warped frame (is {size_px[0]} x {size_px[1]})"
         )
     if frames.video is None:
@@ -121,30 +121,30 @@ def _check_frames(orders: BuildPlan, clip: ClipName) -> list[str]:
     return [f"{frames.path}: {note}" for note in frames.video.notes]
 
 
-def _check_network(orders: BuildPlan, clip: ClipName) -> None:
+def _check_network(plan: BuildPlan, clip: ClipName) -> None:
     if importlib.util.find_spec("onnxruntime") is None:
         raise ModuleNotFoundError(
             "ONNX Runtime is not installed; 'metamerlab stimuli build' needs it: pip install"
             " 'metamerlab[onnx]'"
         )
-    network = create_method(orders.registry_name(clip), None, orders.method(clip).parameters)
+    network = create_method(plan.registry_name(clip), None, plan.method(clip).parameters)
     assert isinstance(network, OnnxNetwork)
-    network.check_size((orders.render_px[1], orders.render_px[0]))
+    network.check_size((plan.render_px[1], plan.render_px[0]))
 
 
-def _pair(found: SceneFindings, place: str, orders: BuildPlan, scene: StereoScene) -> None:
-    if is_built_in(scene, orders.folder):
+def _pair(found: SceneFindings, place: str, plan: BuildPlan, scene: StereoScene) -> None:
+    if is_built_in(scene, plan.folder):
         return
-    pair = read_pair(scene, orders.folder)
+    pair = read_pair(scene, plan.folder)
     verdict = judge_pair(pair, units_per_px=scene.units_per_px)
     if verdict.doubtful:
         said = f"{scene.left}, {scene.right}, {scene.disparity}: {verdict}"
         (found.wrong if verdict.refused else found.doubtful).append(Problem(place, said))
 
 
-def _sequence(found: SceneFindings, place: str, orders: BuildPlan, scene: ExrScene) -> None:
-    files = frame_files(scene.file, orders.folder)
-    wanted = orders.protocol.warped.clips.frames
+def _sequence(found: SceneFindings, place: str, plan: BuildPlan, scene: ExrScene) -> None:
+    files = frame_files(scene.file, plan.folder)
+    wanted = plan.protocol.warped.clips.frames
     if len(files) < wanted:
         found.wrong.append(
             Problem(
@@ -155,10 +155,10 @@ def _sequence(found: SceneFindings, place: str, orders: BuildPlan, scene: ExrSce
         )
     size_px = stated_size_px(files[0])
     if size_px is not None and any(
-        have < shown for have, shown in zip(size_px, orders.render_px, strict=True)
+        have < shown for have, shown in zip(size_px, plan.render_px, strict=True)
     ):
-        found.wrong.append(Problem(f"{place}.file", too_small(size_px, orders.render_px)))
-    sizes = [size.name for size in orders.protocol.warped.sizes if not size.is_own]
+        found.wrong.append(Problem(f"{place}.file", too_small(size_px, plan.render_px)))
+    sizes = [size.name for size in plan.protocol.warped.sizes if not size.is_own]
     if sizes:
         alike = f"; {' and '.join(sizes)} show the same clip" if len(sizes) > 1 else ""
         found.doubtful.append(

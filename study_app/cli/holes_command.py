@@ -32,12 +32,12 @@ def export_holes(
     from stimuli.recipes.warped_checks import look_at_scenes
 
     study, screen = load_study(protocol, display)
-    orders = BuildPlan(study, screen, protocol.absolute().parent)
-    found = look_at_scenes(orders)
+    plan = BuildPlan(study, screen, protocol.absolute().parent)
+    found = look_at_scenes(plan)
     if found.wrong:
         raise StudyError("\n".join(f"{protocol}: {problem}" for problem in found.wrong))
     say_notes(found.doubtful)
     with progress_line("starting") as report:
-        frames = write(orders, out, report)
+        frames = write(plan, out, report)
     made = count_of(frames, "frame")
     say(f"{out}: {made} with holes; {out / 'README.md'} says what to send back")

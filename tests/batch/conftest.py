@@ -38,9 +38,9 @@ def inline():
 
 
 @pytest.fixture(scope="session")
-def read_orders():
-    """Give the function that reads a protocol as orders."""
-    return orders_of
+def read_plan():
+    """Give the function that reads a protocol as a build plan."""
+    return plan_of
 
 
 @pytest.fixture(scope="session")
@@ -50,13 +50,13 @@ def small_study(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def orders(small_study) -> BuildPlan:
-    """Return the small study as orders."""
-    return orders_of(small_study)
+def plan(small_study) -> BuildPlan:
+    """Return the small study as a build plan."""
+    return plan_of(small_study)
 
 
-def orders_of(path: Path) -> BuildPlan:
-    """Read a protocol as orders."""
+def plan_of(path: Path) -> BuildPlan:
+    """Read a protocol as a build plan."""
     protocol = load_protocol(path)
     return BuildPlan(protocol, load_display(protocol.display.display), path.parent)
 

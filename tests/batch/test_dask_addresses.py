@@ -67,11 +67,11 @@ def guarded(certificates):
 
 @pytest.mark.slow
 def test_a_build_over_tls_is_the_build_made_here(
-    small_study, read_orders, inline, certificates, tmp_path
+    small_study, read_plan, inline, certificates, tmp_path
 ):
     from stimuli.build import build
 
-    build(read_orders(small_study), tmp_path / "here", inline)
+    build(read_plan(small_study), tmp_path / "here", inline)
     lab = certificates["lab"]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -82,11 +82,11 @@ def test_a_folder_with_something_in_it_is_left_alone(small_study, tmp_path):
 
 
 def test_frames_filled_elsewhere_enter_the_holes_of_their_own_clips(
-    study, read_orders, inline, tmp_path
+    study, read_plan, inline, tmp_path
 ):
     path = study()
     assert run("protocol", "check", path)[0] == 0
-    build(read_orders(path), tmp_path / "clips", inline)
+    build(read_plan(path), tmp_path / "clips", inline)
     for scene in ("box", "motorcycle"):
         hole = decode(tmp_path / f"clips/holes/{scene}__small/000002.png") > 0
         shown = decode(tmp_path / f"clips/{scene}__small__telea/000002.png")
@@ -96,14 +96,14 @@ def test_frames_filled_elsewhere_enter_the_holes_of_their_own_clips(
         np.testing.assert_array_equal(shown[~hole], other[~hole])
 
 
-def test_a_video_for_each_clip_enters_the_holes_too(study, read_orders, inline, tmp_path):
+def test_a_video_for_each_clip_enters_the_holes_too(study, read_plan, inline, tmp_path):
     path = study("frames:filled/{scene}-{size}.avi")
     filled = path.parent / "filled"
     for scene in ("box", "motorcycle"):
         write_video(filled / f"{scene}-small.avi", sorted((filled / scene / "small").iterdir()), 30)
         shutil.rmtree(filled / scene)
     assert run("protocol", "check", path)[0] == 0
-    build(read_orders(path), tmp_path / "clips", inline)
+    build(read_plan(path), tmp_path / "clips", inline)
     hole = decode(tmp_path / "clips/holes/box__small/000002.png") > 0
     assert (decode(tmp_path / "clips/box__small__telea/000002.png")[hole] == (77, 10, 200)).all()
     files = sorted(tmp_path.glob("clips/box__small__push-pull/*.png"))
@@ -113,14 +113,14 @@ def test_a_video_for_each_clip_enters_the_holes_too(study, read_orders, inline, 
     assert "must hold as many frames as the clip has, 4 (has 3)" in error
 
 
-def test_frames_of_another_scene_are_refused_by_the_build(study, read_orders, inline, tmp_path):
+def test_frames_of_another_scene_are_refused_by_the_build(study, read_plan, inline, tmp_path):
     path = study()
     filled = path.parent / "filled"
     (filled / "box").rename(filled / "away")
     (filled / "motorcycle").rename(filled / "box")
     (filled / "away").rename(filled / "motorcycle")
     with pytest.raises(Exception, match=r"must show, outside the holes, .* of another scene"):
-        build(read_orders(path), tmp_path / "clips", inline)
+        build(read_plan(path), tmp_path / "clips", inline)
 
 
 @pytest.mark.parametrize(

@@ -92,9 +92,9 @@ def study(tmp_path):
 
 
 @pytest.fixture
-def built(study, read_orders, inline, tmp_path):
+def built(study, read_plan, inline, tmp_path):
     path, colours = study()
-    build(read_orders(path), tmp_path / "clips", inline)
+    build(read_plan(path), tmp_path / "clips", inline)
     return tmp_path / "clips", colours
 
 

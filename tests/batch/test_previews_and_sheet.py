@@ -57,10 +57,10 @@ look();
 
 
 @pytest.fixture(scope="module")
-def batch(small_study, tmp_path_factory, inline_class, read_orders):
+def batch(small_study, tmp_path_factory, inline_class, read_plan):
     """Build the small study."""
     out = tmp_path_factory.mktemp("built") / "clips"
-    build(read_orders(small_study), out, inline_class())
+    build(read_plan(small_study), out, inline_class())
     return out
 
 
@@ -174,14 +174,14 @@ def test_a_large_clips_preview_is_small_and_a_deep_ones_is_right(batch, tmp_path
     assert [path.name for path in tmp_path.iterdir() if "part" in path.name] == []
 
 
-def test_a_preview_that_was_deleted_is_made_again(batch, small_study, read_orders, inline):
+def test_a_preview_that_was_deleted_is_made_again(batch, small_study, read_plan, inline):
     clip = read_manifest(batch).clips[0]
     path = preview_path(batch, clip)
     before = frames_of(path)[0]
     path.unlink()
     left_over = path.with_name(f".{path.stem}.4711.part.webm")  # of a build that was killed
     left_over.write_bytes(b"half")
-    outcome = build(read_orders(small_study), batch, inline)
+    outcome = build(read_plan(small_study), batch, inline)
     assert outcome.built == []
     np.testing.assert_array_equal(frames_of(path)[0], before)
     assert not left_over.exists()

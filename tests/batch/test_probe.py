@@ -21,10 +21,10 @@ SOUND = "box__small__push-pull"
 
 
 @pytest.fixture(scope="module")
-def batch(small_study, tmp_path_factory, inline_class, read_orders):
+def batch(small_study, tmp_path_factory, inline_class, read_plan):
     """Build the small study once."""
     out = tmp_path_factory.mktemp("built") / "clips"
-    build(read_orders(small_study), out, inline_class())
+    build(read_plan(small_study), out, inline_class())
     return out
 
 

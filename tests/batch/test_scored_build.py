@@ -12,8 +12,8 @@ from study_app.cli.stimuli_commands import app
 
 
 @pytest.mark.slow
-def test_a_build_is_scored_by_the_command(gl_context, orders, inline, tmp_path):  # noqa: ARG001
-    build(orders, tmp_path / "clips", inline)
+def test_a_build_is_scored_by_the_command(gl_context, plan, inline, tmp_path):  # noqa: ARG001
+    build(plan, tmp_path / "clips", inline)
     out = tmp_path / "scores"
     wanted = ["--metrics", "psnr,ssim,flicker,statistics", "--workers", "1"]
 

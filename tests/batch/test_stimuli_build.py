@@ -37,10 +37,10 @@ from stimuli.worker import describe_renderer
 
 
 @pytest.fixture(scope="module")
-def batch(small_study, tmp_path_factory, inline_class, read_orders):
+def batch(small_study, tmp_path_factory, inline_class, read_plan):
     """Build the small study once; tests that change anything copy it."""
     out = tmp_path_factory.mktemp("built") / "clips"
-    build(read_orders(small_study), out, inline_class())
+    build(read_plan(small_study), out, inline_class())
     return out
 
 
@@ -50,9 +50,9 @@ def copy(batch, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_batch_holds_every_clip_of_its_protocol(batch, orders):
+def test_a_batch_holds_every_clip_of_its_protocol(batch, plan):
     manifest = read_manifest(batch)
-    check_manifest(orders.protocol, manifest)
+    check_manifest(plan.protocol, manifest)
     assert {clip.name for clip in manifest.clips} == {
         f"{scene}__small__{method}"
         for scene in ("box", "motorcycle")
@@ -86,18 +86,18 @@ def test_the_other_photograph_is_the_truth_in_the_holes_of_a_pair(batch):
     assert np.abs(truth[mask] - fill[mask]).mean() > 1
 
 
-def test_building_again_changes_nothing_even_after_a_commit(copy, orders, inline, monkeypatch):
+def test_building_again_changes_nothing_even_after_a_commit(copy, plan, inline, monkeypatch):
     monkeypatch.setattr(stimuli.records, "code_revision", lambda: "abcdef0")
     before = contents(copy)
     stamp = (copy / "manifest.json").stat().st_mtime_ns
-    outcome = build(orders, copy, inline)
+    outcome = build(plan, copy, inline)
     assert outcome.built == []
     assert contents(copy) == before
     assert (copy / "manifest.json").stat().st_mtime_ns == stamp
 
 
 def test_a_changed_method_makes_only_its_own_clips_again(
-    copy, small_study, inline, tmp_path, monkeypatch, read_orders
+    copy, small_study, inline, tmp_path, monkeypatch, read_plan
 ):
     study = tmp_path / "study"
     shutil.copytree(small_study.parent, study)
@@ -107,7 +107,7 @@ def test_a_changed_method_makes_only_its_own_clips_again(
         text.replace('name = "telea"', 'name = "telea"\nparameters = { radius_px = 7 }')
     )
     monkeypatch.setattr(stimuli.clip, "take_survey", None)  # nothing is to be surveyed again
-    outcome = build(read_orders(path), copy, inline)
+    outcome = build(read_plan(path), copy, inline)
     assert [str(name) for name in outcome.built] == [
         f"{scene}__small__telea" for scene in ("box", "motorcycle")
     ]
@@ -115,7 +115,7 @@ def test_a_changed_method_makes_only_its_own_clips_again(
     assert check_batch(copy).in_order
 
 
-def test_two_textures_of_one_base_name_are_two_files(small_study, tmp_path, read_orders):
+def test_two_textures_of_one_base_name_are_two_files(small_study, tmp_path, read_plan):
     """Each changes the key of its scene's clips, and of no others."""
     study = tmp_path / "study"
     shutil.copytree(small_study.parent, study)
@@ -125,8 +125,8 @@ def test_two_textures_of_one_base_name_are_two_files(small_study, tmp_path, read
     (study / "box.mtl").write_text("newmtl wall\nmap_Kd a/t.png\nnewmtl box\nmap_Kd b/t.png\n")
 
     def keys() -> dict[str, str]:
-        orders = read_orders(study / small_study.name)
-        return {str(name): orders.clip_key(name) for name in orders.clip_names}
+        plan = read_plan(study / small_study.name)
+        return {str(name): plan.clip_key(name) for name in plan.clip_names}
 
     for folder in ("a", "b"):
         before = keys()
@@ -139,7 +139,7 @@ def test_two_textures_of_one_base_name_are_two_files(small_study, tmp_path, read
 
 
 def test_another_rim_makes_only_the_photographs_clips_again(
-    batch, copy, small_study, inline, tmp_path, read_orders
+    batch, copy, small_study, inline, tmp_path, read_plan
 ):
     """From the protocol to the pixels: holes, fills, the true view and what the manifest says."""
     study = tmp_path / "study"
@@ -147,7 +147,7 @@ def test_another_rim_makes_only_the_photographs_clips_again(
     path = study / small_study.name
     path.write_text(path.read_text().replace("offset_px =", "rim_px = 0\noffset_px ="))
 
-    outcome = build(read_orders(path), copy, inline)
+    outcome = build(read_plan(path), copy, inline)
 
     assert all(str(name).startswith("motorcycle__") for name in outcome.built)
     assert len(outcome.built) == len(outcome.kept) == 3
@@ -194,31 +194,31 @@ def test_a_rim_that_is_none_is_refused(small_study, tmp_path, value, message):
     assert message in str(caught.value)
 
 
-def test_a_damaged_frame_is_made_again(copy, orders, inline):
+def test_a_damaged_frame_is_made_again(copy, plan, inline):
     frame = copy / "box__small__telea/000002.png"
     before = contents(copy)
     frame.write_bytes(frame.read_bytes()[:-20])
-    outcome = build(orders, copy, inline)
+    outcome = build(plan, copy, inline)
     assert [str(name) for name in outcome.built] == ["box__small__telea"]
     assert contents(copy) == before
 
 
-def test_a_build_killed_after_its_manifest_is_whole_and_cleared_up(copy, orders, inline):
+def test_a_build_killed_after_its_manifest_is_whole_and_cleared_up(copy, plan, inline):
     left = copy / ".build" / "records"
     left.mkdir(parents=True)
     (left / "box__small__telea.json").write_text("{}")
     assert check_batch(copy).in_order
-    assert build(orders, copy, inline).built == []
+    assert build(plan, copy, inline).built == []
     assert not (copy / ".build").exists()
 
 
-def test_a_build_killed_while_it_wrote_its_contact_sheet_goes_on(copy, orders, inline):
+def test_a_build_killed_while_it_wrote_its_contact_sheet_goes_on(copy, plan, inline):
     before = contents(copy)
     left = copy / ".contact-sheet.html.4711.part"
     left.write_text("<html>half a page")
     (copy / "contact-sheet.html").unlink()
 
-    outcome = build(orders, copy, inline)
+    outcome = build(plan, copy, inline)
 
     assert outcome.built == []
     assert not left.exists()
@@ -282,23 +282,23 @@ def test_a_frame_that_a_kill_cut_short_does_not_reach_the_clip(tmp_path):
     assert [entry.name for entry in target.iterdir()] == ["000000.png"]
 
 
-def test_a_second_build_into_one_folder_is_refused(orders, tmp_path, inline_class):
+def test_a_second_build_into_one_folder_is_refused(plan, tmp_path, inline_class):
     out = tmp_path / "clips"
 
     class Meddler(inline_class):
         def submit(self, fn, /, *args, **kwargs):  # noqa: ARG002
             with pytest.raises(StudyError, match="another build is at work"):
-                build(orders, out, inline_class())
+                build(plan, out, inline_class())
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        build(orders, out, Meddler())
+        build(plan, out, Meddler())
 
 
-def test_a_folder_with_other_things_is_refused(orders, inline, tmp_path):
+def test_a_folder_with_other_things_is_refused(plan, inline, tmp_path):
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(StudyError, match=r"it holds thesis\.tex"):
-        build(orders, tmp_path, inline)
+        build(plan, tmp_path, inline)
     assert (tmp_path / "thesis.tex").exists()
 
 
@@ -334,7 +334,7 @@ def snapshot(folder: Path) -> dict[str, bytes]:
         "box__small__telea/000000.exr",
     ],
 )
-def test_what_no_build_recorded_as_its_own_is_refused_and_stays(copy, orders, inline, mine):
+def test_what_no_build_recorded_as_its_own_is_refused_and_stays(copy, plan, inline, mine):
     """Also where a clip has to be made again, and where a study lost its clips."""
     (copy / mine).parent.mkdir(parents=True, exist_ok=True)
     (copy / mine).write_text("mine")
@@ -342,7 +342,7 @@ def test_what_no_build_recorded_as_its_own_is_refused_and_stays(copy, orders, in
     before = snapshot(copy)
 
     with pytest.raises(StudyError, match="which no build recorded as its own") as told:
-        build(orders, copy, inline)
+        build(plan, copy, inline)
     assert mine in str(told.value)
     assert snapshot(copy) == before
 
@@ -358,19 +358,19 @@ def test_what_no_build_recorded_as_its_own_is_refused_and_stays(copy, orders, in
         "a__b__c/x",
     ],
 )
-def test_a_folder_that_no_build_made_is_refused_whatever_its_names(orders, inline, tmp_path, mine):
+def test_a_folder_that_no_build_made_is_refused_whatever_its_names(plan, inline, tmp_path, mine):
     (tmp_path / mine).parent.mkdir(exist_ok=True)
     (tmp_path / mine).write_text('{"name": "an extension of a browser"}')
     before = snapshot(tmp_path)
 
     with pytest.raises(StudyError, match="must be an empty folder or one that a build made"):
-        build(orders, tmp_path, inline)
+        build(plan, tmp_path, inline)
     assert snapshot(tmp_path) == before
 
 
 @pytest.mark.parametrize("name", ["holiday", "my__own__frames"])
 @pytest.mark.parametrize("mine", ["{}/000000.png", "previews/{}.0123456789ab.webm"])
-def test_frames_of_a_folder_that_an_edited_manifest_names_stay(copy, orders, inline, name, mine):
+def test_frames_of_a_folder_that_an_edited_manifest_names_stay(copy, plan, inline, name, mine):
     raw = json.loads((copy / "manifest.json").read_text())
     raw["clips"].append(raw["clips"][0] | {"name": name})
     (copy / "manifest.json").write_text(json.dumps(raw))
@@ -379,23 +379,23 @@ def test_frames_of_a_folder_that_an_edited_manifest_names_stay(copy, orders, inl
     before = snapshot(copy)
 
     with pytest.raises(StudyError, match="which no build recorded as its own") as told:
-        build(orders, copy, inline)
+        build(plan, copy, inline)
     assert mine.format(name) in str(told.value)
     assert snapshot(copy) == before
 
 
-def test_frames_at_the_place_of_a_wanted_clip_that_is_none_of_them_stay(copy, orders, inline):
+def test_frames_at_the_place_of_a_wanted_clip_that_is_none_of_them_stay(copy, plan, inline):
     """The manifest names the folder, and every frame in it is another."""
     for frame in (copy / "box__small__telea").glob("*.png"):
         frame.write_text("mine")
     before = snapshot(copy)
 
     with pytest.raises(StudyError, match=r"holds box__small__telea/000000\.png, which no build"):
-        build(orders, copy, inline)
+        build(plan, copy, inline)
     assert snapshot(copy) == before
 
 
-def test_masks_of_a_survey_that_an_edited_manifest_names_stay(copy, orders, inline):
+def test_masks_of_a_survey_that_an_edited_manifest_names_stay(copy, plan, inline):
     raw = json.loads((copy / "manifest.json").read_text())
     raw["clips"].append(raw["clips"][0] | {"name": "my__own__frames"})
     (copy / "manifest.json").write_text(json.dumps(raw))
@@ -404,11 +404,11 @@ def test_masks_of_a_survey_that_an_edited_manifest_names_stay(copy, orders, inli
     before = snapshot(copy)
 
     with pytest.raises(StudyError, match=r"holds holes/my__own/000000\.png, which no build"):
-        build(orders, copy, inline)
+        build(plan, copy, inline)
     assert snapshot(copy) == before
 
 
-def test_work_under_a_hash_that_no_build_noted_stays(copy, orders, inline):
+def test_work_under_a_hash_that_no_build_noted_stays(copy, plan, inline):
     """Work that a killed build had begun, and noted, goes on beside it."""
     claim(copy, [], ["b" * 64])
     for key in ("a" * 64, "b" * 64):
@@ -417,15 +417,15 @@ def test_work_under_a_hash_that_no_build_noted_stays(copy, orders, inline):
     before = snapshot(copy)
 
     with pytest.raises(StudyError, match=f"holds .build/clips/{'a' * 64}/000000.png, which no"):
-        build(orders, copy, inline)
+        build(plan, copy, inline)
     assert snapshot(copy) == before
 
     shutil.rmtree(copy / f".build/clips/{'a' * 64}")
-    assert not build(orders, copy, inline).built
+    assert not build(plan, copy, inline).built
     assert not (copy / ".build").exists()
 
 
-def test_what_is_put_into_the_work_of_a_build_meanwhile_stays(copy, orders, inline, monkeypatch):
+def test_what_is_put_into_the_work_of_a_build_meanwhile_stays(copy, plan, inline, monkeypatch):
     (copy / "box__small__telea/000001.png").write_bytes(b"damaged")
     real = stimuli.clip_build.remove_strangers
 
@@ -434,7 +434,7 @@ def test_what_is_put_into_the_work_of_a_build_meanwhile_stays(copy, orders, inli
         real(out, names)
 
     monkeypatch.setattr(stimuli.clip_build, "remove_strangers", meanwhile)
-    build(orders, copy, inline)
+    build(plan, copy, inline)
 
     assert snapshot(copy / ".build") == {"clips/thesis.txt": b"mine"}
 
@@ -454,13 +454,13 @@ def test_notes_of_a_build_lead_to_nothing_outside_its_folder(copy, noted):
     assert (copy.parent / "other/000000.png").exists()
 
 
-def test_clips_that_a_study_lost_go_and_nothing_else(copy, orders, inline, monkeypatch):
+def test_clips_that_a_study_lost_go_and_nothing_else(copy, plan, inline, monkeypatch):
     """Files that somebody puts into a folder while the build is at work stay, too."""
-    fewer = [name for name in orders.clip_names if name.method != "telea"]
-    kept_method = orders.protocol.warped.methods[:-1]
-    recipe = orders.protocol.warped.model_copy(update={"methods": kept_method})
+    fewer = [name for name in plan.clip_names if name.method != "telea"]
+    kept_method = plan.protocol.warped.methods[:-1]
+    recipe = plan.protocol.warped.model_copy(update={"methods": kept_method})
     smaller = dataclasses.replace(
-        orders, protocol=orders.protocol.model_copy(update={"stimuli": recipe})
+        plan, protocol=plan.protocol.model_copy(update={"stimuli": recipe})
     )
     assert list(smaller.clip_names) == fewer
     real = stimuli.clip_build.remove_strangers
@@ -478,14 +478,14 @@ def test_clips_that_a_study_lost_go_and_nothing_else(copy, orders, inline, monke
     assert not [p for p in (copy / "previews").iterdir() if "telea" in p.name]
 
 
-def test_a_symbolic_link_is_neither_followed_nor_taken_for_a_frame(copy, orders, inline, tmp_path):
+def test_a_symbolic_link_is_neither_followed_nor_taken_for_a_frame(copy, plan, inline, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     (copy / "box__small__telea").rename(elsewhere)
     (copy / "box__small__telea").symlink_to(elsewhere)
     assert check_batch(copy).extra == ["box__small__telea"]
     before = snapshot(elsewhere)
     with pytest.raises(StudyError, match="box__small__telea, a symbolic link"):
-        build(orders, copy, inline)
+        build(plan, copy, inline)
     assert snapshot(elsewhere) == before
 
     (copy / "box__small__telea").unlink()
@@ -498,9 +498,7 @@ def test_a_symbolic_link_is_neither_followed_nor_taken_for_a_frame(copy, orders,
     ]
 
 
-def test_a_full_disk_leaves_nothing_that_looks_finished(
-    tmp_path, orders, inline, monkeypatch, batch
-):
+def test_a_full_disk_leaves_nothing_that_looks_finished(tmp_path, plan, inline, monkeypatch, batch):
     """fsync is where a full disk speaks up; after it has room again, the build goes on."""
     out = tmp_path / "clips"
     calls = []
@@ -512,12 +510,12 @@ def test_a_full_disk_leaves_nothing_that_looks_finished(
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space left"):
-        build(orders, out, inline)
+        build(plan, out, inline)
     monkeypatch.undo()
     assert not (out / "manifest.json").exists()
     assert not list(out.rglob("*.part"))
     assert all(is_whole(path.read_bytes()) for path in out.rglob("*.png"))
-    build(orders, out, inline)
+    build(plan, out, inline)
     assert contents(out) == contents(batch)
 
 
@@ -537,7 +535,7 @@ def test_a_limit_on_file_size_ends_with_one_message(small_study, tmp_path):
     assert not (tmp_path / "clips/manifest.json").exists()
 
 
-def test_a_killed_worker_ends_with_a_message(orders, tmp_path, inline_class):
+def test_a_killed_worker_ends_with_a_message(plan, tmp_path, inline_class):
     from stimuli.executors import local_processes
 
     with local_processes(1) as pool:
@@ -552,12 +550,12 @@ def test_a_killed_worker_ends_with_a_message(orders, tmp_path, inline_class):
                 return pool.submit(fn, *args, **kwargs)
 
         with pytest.raises(StudyError, match="a worker process was killed"):
-            build(orders, tmp_path / "clips", Murderer())
+            build(plan, tmp_path / "clips", Murderer())
     assert not (tmp_path / "clips/manifest.json").exists()
 
 
 @pytest.mark.slow
-def test_a_dask_cluster_makes_the_same_bytes(orders, batch, tmp_path):
+def test_a_dask_cluster_makes_the_same_bytes(plan, batch, tmp_path):
     distributed = pytest.importorskip("distributed")
     import warnings
 
@@ -572,7 +570,7 @@ def test_a_dask_cluster_makes_the_same_bytes(orders, batch, tmp_path):
         try:
             with dask_cluster(cluster.scheduler_address) as (executor, workers):
                 assert workers == 2
-                build(orders, tmp_path / "clips", executor, parallel=workers)
+                build(plan, tmp_path / "clips", executor, parallel=workers)
         finally:
             cluster.close()
     assert contents(tmp_path / "clips") == contents(batch)
@@ -606,7 +604,7 @@ def test_no_scheduler_at_the_address_is_said():
     ],
 )
 def test_what_cannot_be_built_is_said_in_one_message(
-    small_study, tmp_path, old, new, message, inline_class, read_orders
+    small_study, tmp_path, old, new, message, inline_class, read_plan
 ):
     from typer.testing import CliRunner
 
@@ -621,7 +619,7 @@ def test_what_cannot_be_built_is_said_in_one_message(
     path.write_text(text)
     if "must" in message:
         with pytest.raises(InputError, match=message):
-            build(read_orders(path), tmp_path / "clips", inline_class())
+            build(read_plan(path), tmp_path / "clips", inline_class())
     else:
         result = CliRunner().invoke(app, ["build", str(path), "--out", str(tmp_path / "clips")])
         assert result.exit_code == 2
@@ -655,7 +653,7 @@ def test_a_refused_build_shows_its_message_and_no_bar(small_study, tmp_path):
         ("box.obj: is broken", "box, small: box.obj: is broken"),
     ],
 )
-def test_a_mistake_is_placed_once(orders, tmp_path, inline_class, said, told):
+def test_a_mistake_is_placed_once(plan, tmp_path, inline_class, said, told):
     class Failing(inline_class):
         def submit(self, fn, /, *args, **kwargs):
             if fn is describe_renderer:
@@ -666,7 +664,7 @@ def test_a_mistake_is_placed_once(orders, tmp_path, inline_class, said, told):
             return future
 
     with pytest.raises(InputError) as error:
-        build(orders, tmp_path / "clips", Failing())
+        build(plan, tmp_path / "clips", Failing())
     assert str(error.value) == told
 
 
@@ -683,7 +681,7 @@ def test_a_dry_run_states_clips_frames_disk_and_time_and_writes_nothing(small_st
 
 @pytest.mark.parametrize("files", [False, True])
 def test_software_times_a_smaller_frame_and_counts_its_pixels(
-    small_study, read_orders, tmp_path, monkeypatch, files
+    small_study, read_plan, tmp_path, monkeypatch, files
 ):
     """A clock that ticks once per reading makes the estimate a count of frames' work."""
     shapes = []
@@ -699,18 +697,18 @@ def test_software_times_a_smaller_frame_and_counts_its_pixels(
             Image.new("RGB", (78, 58)).save(study.parent / f"filled/{index:06d}.png")
         text = study.read_text()
         study.write_text(text.replace('name = "telea"', 'name = "telea"\nmethod = "frames:filled"'))
-    orders = read_orders(study if files else small_study)
+    plan = read_plan(study if files else small_study)
     ticks = itertools.count()
     monkeypatch.setattr(
         stimuli.estimate, "time", types.SimpleNamespace(perf_counter=lambda: float(next(ticks)))
     )
     monkeypatch.setattr(stimuli.estimate, "encode_frame", told)
     monkeypatch.setattr("pipeline.gl.context.SOFTWARE_RENDERERS", ("",))  # every name
-    width, height = orders.render_px
+    width, height = plan.render_px
     found = []
     for edge in (width, 39):
         monkeypatch.setattr(stimuli.estimate, "TRIED_PX", edge)
-        found.append(stimuli.estimate.estimate(orders, tmp_path, 1))
+        found.append(stimuli.estimate.estimate(plan, tmp_path, 1))
     whole, part = found
     opened_s = 2.0  # a tick for each of two scenes
     ratio = 1.0 if files else 4.0

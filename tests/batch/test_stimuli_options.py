@@ -34,14 +34,14 @@ def study(small_study, tmp_path):
     return write
 
 
-def test_sixteen_bits_float_frames_and_no_preview(study, read_orders, inline, tmp_path):
+def test_sixteen_bits_float_frames_and_no_preview(study, read_plan, inline, tmp_path):
     path = study(
         ("[stimuli.clips]", "[stimuli.clips]\nbit_depth = 16\nexr = true\npreview = false")
     )
     out, box = tmp_path / "clips", path.parent / "box.obj"
     box.write_text(box.read_text() + "l 1 2\n")
     noted = "box.obj: left out l: points and lines are not drawn"
-    clips = build(read_orders(path), out, inline).manifest.clips
+    clips = build(read_plan(path), out, inline).manifest.clips
     said = {clip.name: clip.parameters.get("noted") for clip in clips}
     assert said == {name: noted if name.startswith("box") else None for name in said}
     assert said["box__small__telea"]
@@ -53,23 +53,21 @@ def test_sixteen_bits_float_frames_and_no_preview(study, read_orders, inline, tm
     assert check_batch(out).in_order
     (out / "box__small__telea/000001.exr").unlink()
     assert check_batch(out).missing == ["box__small__telea/000001.exr"]
-    outcome = build(read_orders(path), out, inline)
+    outcome = build(read_plan(path), out, inline)
     assert [str(name) for name in outcome.built] == ["box__small__telea"]
     assert check_batch(out).in_order
 
 
 @pytest.mark.slow
-def test_a_declared_filter_brings_frames_to_the_displays_pixels(
-    study, read_orders, inline, tmp_path
-):
+def test_a_declared_filter_brings_frames_to_the_displays_pixels(study, read_plan, inline, tmp_path):
     plain = tmp_path / "plain"
     scaled = tmp_path / "scaled"
     path = study(("[stimuli.clips]", '[stimuli.clips]\nrender_width_px = 156\nrescale = "box"'))
-    orders = read_orders(path)
-    assert (orders.render_px, orders.shown_px) == ((156, 116), (78, 58))
-    build(orders, scaled, inline)
+    plan = read_plan(path)
+    assert (plan.render_px, plan.shown_px) == ((156, 116), (78, 58))
+    build(plan, scaled, inline)
     path.write_text(path.read_text().replace('render_width_px = 156\nrescale = "box"', ""))
-    build(read_orders(path), plain, inline)
+    build(read_plan(path), plain, inline)
     frames = [decode(out / "box__small__reference/000000.png") for out in (scaled, plain)]
     assert frames[0].shape == frames[1].shape == (58, 78, 3)
     assert (frames[0] != frames[1]).any()

@@ -59,14 +59,14 @@ def test_mixing_keeps_the_bits_of_both(rng):
     np.testing.assert_allclose(mixed[:, 3], (made[:, 3] + truth[:, 3]) / 2, atol=1e-6)
 
 
-def test_clips_show_the_truth_around_the_dot_and_the_method_beyond(read_orders, inline, tmp_path):
+def test_clips_show_the_truth_around_the_dot_and_the_method_beyond(read_plan, inline, tmp_path):
     view = f"{CLIPS}true_view = {{ within_deg = 0.3, x_deg = -0.4 }}\n"
     plain, mixed = study(tmp_path / "plain"), study(tmp_path / "mixed", (CLIPS, view))
     for path in (plain, mixed):
-        build(read_orders(path), path.parent / "clips", inline)
-    orders = read_orders(mixed)
-    stated = orders.protocol.warped.clips.true_view
-    share = true_share(orders.render_px, orders.distance_px, stated)[..., 0]
+        build(read_plan(path), path.parent / "clips", inline)
+    plan = read_plan(mixed)
+    stated = plan.protocol.warped.clips.true_view
+    share = true_share(plan.render_px, plan.distance_px, stated)[..., 0]
 
     def frame(path, method):
         return decode(path.parent / f"clips/box__small__{method}/000001.png")
@@ -79,7 +79,7 @@ def test_clips_show_the_truth_around_the_dot_and_the_method_beyond(read_orders, 
     assert np.array_equal(frame(plain, "reference"), truth)
 
 
-def test_a_fill_by_eccentricity_sees_as_wide_a_frame_as_the_display_shows(read_orders, tmp_path):
+def test_a_fill_by_eccentricity_sees_as_wide_a_frame_as_the_display_shows(read_plan, tmp_path):
     """Unless the study says another width; a fill without a gaze keeps what it has."""
     gazed = 'name = "telea"\nmethod = "coherence-transport"\nparameters = { fovea_deg = 2.0'
     widths = {}
@@ -89,15 +89,15 @@ def test_a_fill_by_eccentricity_sees_as_wide_a_frame_as_the_display_shows(read_o
         ("whole", gazed.replace("2.0", "0.0") + " }"),
     ):
         path = study(tmp_path / name, ('name = "telea"', parameters))
-        orders = read_orders(path)
-        clip = next(clip for clip in orders.clip_names if clip.method == "telea")
-        widths[name] = orders.parameters(clip)["width_deg"]
+        plan = read_plan(path)
+        clip = next(clip for clip in plan.clip_names if clip.method == "telea")
+        widths[name] = plan.parameters(clip)["width_deg"]
 
-    half = np.degrees(np.arctan(orders.render_px[0] / 2 / orders.distance_px))
+    half = np.degrees(np.arctan(plan.render_px[0] / 2 / plan.distance_px))
     assert widths == {"gazed": pytest.approx(2 * half), "said": 30.0, "whole": 40.0}
 
 
-def test_clips_are_filled_by_eccentricity(read_orders, inline, tmp_path):
+def test_clips_are_filled_by_eccentricity(read_plan, inline, tmp_path):
     """The first frame, before anything is kept from earlier ones; its hole goes half way down."""
     gazed = 'method = "coherence-transport"\nparameters = { fovea_deg = 0.1, gaze_y_deg = -1.1 }'
     path = study(
@@ -106,11 +106,11 @@ def test_clips_are_filled_by_eccentricity(read_orders, inline, tmp_path):
         ('name = "telea"', f'name = "telea"\n{gazed}'),
         UPSAMPLED[::-1],
     )
-    build(read_orders(path), path.parent / "clips", inline)
-    orders = read_orders(path)
-    clip = next(clip for clip in orders.clip_names if clip.method == "telea")
-    given = {k: v for k, v in orders.parameters(clip).items() if k != "z_near_m"}
-    width, height = orders.render_px
+    build(read_plan(path), path.parent / "clips", inline)
+    plan = read_plan(path)
+    clip = next(clip for clip in plan.clip_names if clip.method == "telea")
+    given = {k: v for k, v in plan.parameters(clip).items() if k != "z_near_m"}
+    width, height = plan.render_px
     attention = TransportSettings(**given).attention((height, width))
 
     plain, shown, hole = (
