@@ -161,8 +161,8 @@ class Effect:
 def between_df(influence: Floats, effects: Sequence[Effect], variance: float) -> float:
     """Return the degrees of freedom of a coefficient, between those of participants and scenes.
 
-    As of `CrossedDesign.df`, for any design: each group counts by the variance that its effects give to
-    the coefficient.
+    As of `CrossedDesign.df`, for any design: each group counts by the variance that its effects
+    give to the coefficient.
 
     Parameters
     ----------
