@@ -21,7 +21,6 @@ from analysis.plots.style import (
     new_figure,
     null_line,
     share_axis,
-    style,
 )
 from analysis.report.wording import NONE, NOT_IDENTIFIED, leading, share, share_range
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
@@ -157,8 +156,7 @@ def _figure(
     simulated: bool,
 ) -> Figure:
     """Draw shares with limits, thick the default prior, thin the others; the ROPE is grey."""
-    with style(width_in):
-        figure = new_figure(width_in, 0.8 + 0.45 * len(found), simulated=simulated)
+    with new_figure(width_in, 0.8 + 0.45 * len(found), simulated=simulated) as figure:
         axes = figure.subplots()
         axes.axvspan(0.5 - found[0].margin, 0.5 + found[0].margin, color=LIGHT, lw=0)
         for y, one in enumerate(found):

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from analysis.models.mixed.deviations import EffectLevel
 from analysis.models.tails import two_sided_quantile
-from analysis.plots.style import BLUE, GREY, Figure, explain, limits_text, new_figure, style
+from analysis.plots.style import BLUE, GREY, Figure, explain, font_size, limits_text, new_figure
 
 LEAST_SPAN = 0.02
 """Of an axis: where no level lies off the typical one, what is left of the search is not shown."""
@@ -24,9 +24,9 @@ def caterpillar_plot(
     """Draw how far each level lies from the typical one, in order, a panel per effect."""
     reach = float(two_sided_quantile(level))
     longest = max(map(len, effects.values()))
-    with style(width_in) as size:
-        row_in = 0.15 if longest <= NAMED else 6.0 / longest
-        figure = new_figure(width_in, 0.75 + row_in * longest, simulated=simulated)
+    size = font_size(width_in)
+    row_in = 0.15 if longest <= NAMED else 6.0 / longest
+    with new_figure(width_in, 0.75 + row_in * longest, simulated=simulated) as figure:
         panels = figure.subplots(1, len(effects), squeeze=False, sharex=True)[0]
         for axes, (name, levels) in zip(panels, effects.items(), strict=True):
             ordered = sorted(levels, key=lambda one: one.value)

@@ -19,7 +19,6 @@ from analysis.plots.style import (
     limits_text,
     name_rows,
     new_figure,
-    style,
 )
 
 Label = Callable[[str], str]
@@ -37,8 +36,7 @@ def calibration_plot(
     simulated: bool = False,
 ) -> Figure:
     """Draw the share of right answers at each step of confidence, by condition, with limits."""
-    with style(width_in):
-        figure = new_figure(width_in, 2.6 if width_in < 5 else 3.2, simulated=simulated)
+    with new_figure(width_in, 2.6 if width_in < 5 else 3.2, simulated=simulated) as figure:
         axes = figure.subplots()
         steps = sorted({step for points in series.values() for step, _ in points})
         gap = float(np.min(np.diff(steps))) if len(steps) > 1 else 1.0
@@ -84,8 +82,7 @@ def pairs_plot(
     rows : mapping of row to (series, mean), such as confidence of right and of wrong answers
     people : mapping of row to values of each person, in the order of the series
     """
-    with style(width_in):
-        figure = new_figure(width_in, 0.85 + 0.45 * len(rows), simulated=simulated)
+    with new_figure(width_in, 0.85 + 0.45 * len(rows), simulated=simulated) as figure:
         axes = figure.subplots()
         named = set[str]()
         for y, (row, means) in enumerate(rows.items()):
@@ -123,8 +120,7 @@ def metacognition_plot(
     simulated: bool = False,
 ) -> Figure:
     """Draw meta-d' of each person against d'; on the dashed line M-ratio is 1."""
-    with style(width_in):
-        figure = new_figure(width_in, 2.9 if width_in < 5 else 3.6, simulated=simulated)
+    with new_figure(width_in, 2.9 if width_in < 5 else 3.6, simulated=simulated) as figure:
         axes = figure.subplots()
         every = [value for points in people.values() for point in points for value in point]
         low, high = min(0.0, *every) - 0.1, max(every) + 0.2
@@ -162,8 +158,7 @@ def roc_plot(
 
     `labels` are those of the axes, false alarms first.
     """
-    with style(width_in):
-        figure = new_figure(width_in, 2.9 if width_in < 5 else 3.6, simulated=simulated)
+    with new_figure(width_in, 2.9 if width_in < 5 else 3.6, simulated=simulated) as figure:
         axes = figure.subplots()
         fine = np.linspace(-5.0, 5.0, 400)
         axes.plot([0, 1], [0, 1], color=GREY, lw=0.8, ls=(0, (4, 3)))

@@ -17,7 +17,6 @@ from analysis.plots.style import (
     explain,
     limits_text,
     new_figure,
-    style,
 )
 
 PERSON = "#B4B4B4"
@@ -39,8 +38,7 @@ def learning_plot(
     so often that nobody is seen. `bounds` are the values the outcome can take, such as (0, 1) for a
     share.
     """
-    with style(width_in):
-        figure = new_figure(width_in, 2.3 if width_in < 5 else 3.0, simulated=simulated)
+    with new_figure(width_in, 2.3 if width_in < 5 else 3.0, simulated=simulated) as figure:
         axes = figure.subplots()
         places, each = course.places, course.people
         low, high = bounds if bounds is not None else (-np.inf, np.inf)
@@ -84,8 +82,7 @@ def power_plot(
     ----------
     lines : mapping of what is powered to powers (participants,)
     """
-    with style(width_in):
-        figure = new_figure(width_in, 2.7 if width_in < 5 else 3.4, simulated=simulated)
+    with new_figure(width_in, 2.7 if width_in < 5 else 3.4, simulated=simulated) as figure:
         axes = figure.subplots()
         for goal in (0.8, 0.9):
             axes.axhline(goal, color=LIGHT, lw=1.0, zorder=0)

@@ -12,7 +12,6 @@ from analysis.plots.style import (
     new_figure,
     null_line,
     share_axis,
-    style,
 )
 
 
@@ -43,9 +42,8 @@ def interaction_plot(
         for place, own in enumerate(held)
         for rank, row in enumerate(own)
     ]
-    with style(width_in):
-        height = 0.95 + (0.16 * most + 0.2 * (most > 1)) * len(groups)
-        figure = new_figure(width_in, height, simulated=simulated)
+    height = 0.95 + (0.16 * most + 0.2 * (most > 1)) * len(groups)
+    with new_figure(width_in, height, simulated=simulated) as figure:
         axes = figure.subplots()
         for number, value in enumerate(values):
             own = [row for row in placed if row[1] == value]

@@ -16,13 +16,13 @@ from analysis.plots.style import (
     PALE_ORANGE,
     Figure,
     explain,
+    font_size,
     interval,
     limits_text,
     new_figure,
     null_line,
     share_axis,
     share_text,
-    style,
     wrapped,
 )
 
@@ -61,9 +61,9 @@ def preference_bars(
             last = cell.size
         rows.append((place, cell))
         place += 1.0
-    with style(width_in) as size:
-        row_in = 0.36 if width_in < 5 else 0.34
-        figure = new_figure(width_in, 0.7 + row_in * place, simulated=simulated)
+    size = font_size(width_in)
+    row_in = 0.36 if width_in < 5 else 0.34
+    with new_figure(width_in, 0.7 + row_in * place, simulated=simulated) as figure:
         axes, numbers = figure.subplots(
             1, 2, sharey=True, width_ratios=(1.0, 0.40 if width_in < 5 else 0.22)
         )
@@ -148,11 +148,10 @@ def forest_plot(
 
     Coloured where the verdict, by adjusted p, is a preference; the limits are not adjusted.
     """
-    with style(width_in):
-        names = [_pair(cell, label, width_in, sized=_sized(cells)) for cell in cells]
-        lines = max(name.count("\n") for name in names) + 1
-        row_in = 0.08 + 0.13 * lines if width_in < 5 else 0.30
-        figure = new_figure(width_in, 0.75 + row_in * len(cells), simulated=simulated)
+    names = [_pair(cell, label, width_in, sized=_sized(cells)) for cell in cells]
+    lines = max(name.count("\n") for name in names) + 1
+    row_in = 0.08 + 0.13 * lines if width_in < 5 else 0.30
+    with new_figure(width_in, 0.75 + row_in * len(cells), simulated=simulated) as figure:
         axes, numbers = figure.subplots(
             1, 2, sharey=True, width_ratios=(1.0, 0.75 if width_in < 5 else 0.36)
         )

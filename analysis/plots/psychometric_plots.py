@@ -17,13 +17,13 @@ from analysis.plots.style import (
     SERIES,
     Axes,
     Figure,
+    font_size,
     interval,
     key,
     legend_columns,
     level_axis,
     limits_text,
     new_figure,
-    style,
 )
 from analysis.report.wording import size
 
@@ -79,10 +79,9 @@ def psychometric_plot(
     placed = sum(isinstance(fit, DrawnCurve) and fit.threshold is not None for fit in fits)
     banded = any(isinstance(fit, DrawnCurve) and fit.limits is not None for fit in fits)
     everything = np.concatenate([x for x, *_ in series.values()])
-    with style(width_in):
-        strip_in = 0.1 + 0.12 * placed if placed else 0.0
-        height = (2.5 if width_in < 5 else 3.2) + strip_in
-        figure = new_figure(width_in, height, simulated=simulated)
+    strip_in = 0.1 + 0.12 * placed if placed else 0.0
+    height = (2.5 if width_in < 5 else 3.2) + strip_in
+    with new_figure(width_in, height, simulated=simulated) as figure:
         ratios = [1.0, strip_in / 1.9] if placed else [1.0]
         several = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)[
             :, 0
@@ -134,9 +133,9 @@ def people_plot(
     columns = min(3 if width_in < 5 else 6, len(shown))
     rows = -(-len(shown) // columns)
     everything = np.concatenate([x for one in shown.values() for x, *_ in one.values()])
-    with style(width_in) as points:
-        each_in = 0.82 if width_in < 5 else 0.95
-        figure = new_figure(width_in, 0.7 + each_in * rows, simulated=simulated)
+    points = font_size(width_in)
+    each_in = 0.82 if width_in < 5 else 0.95
+    with new_figure(width_in, 0.7 + each_in * rows, simulated=simulated) as figure:
         panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
         for axes, (who, series) in zip(panels.ravel(), shown.items(), strict=False):
             ranked = {name: series[name] for name in names if name in series}
@@ -274,11 +273,10 @@ def misfit_plot(
     simulated: bool = False,
 ) -> Figure:
     """Draw residuals along the level, with those of simulated studies, and over the session."""
-    with style(width_in):
-        panels = 1 if course is None else 2
-        wide = width_in >= 5
-        height = 2.6 if wide else 0.8 + 1.9 * panels
-        figure = new_figure(width_in, height, simulated=simulated)
+    panels = 1 if course is None else 2
+    wide = width_in >= 5
+    height = 2.6 if wide else 0.8 + 1.9 * panels
+    with new_figure(width_in, height, simulated=simulated) as figure:
         shape = (1, panels) if wide else (panels, 1)
         several = figure.subplots(*shape, squeeze=False).ravel()
         axes = several[0]

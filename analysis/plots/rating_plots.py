@@ -16,7 +16,6 @@ from analysis.plots.style import (
     null_line,
     row_in,
     share_axis,
-    style,
 )
 
 
@@ -32,9 +31,8 @@ def ratings_plot(
     `shares` False leaves the first panel out, as for pairs, whose ratings belong to two methods.
     """
     cells = model.conditions
-    with style(width_in):
-        each_in = row_in([one.condition for one in cells], width_in, 0.32)
-        figure = new_figure(width_in, 1.0 + each_in * len(cells), simulated=simulated)
+    each_in = row_in([one.condition for one in cells], width_in, 0.32)
+    with new_figure(width_in, 1.0 + each_in * len(cells), simulated=simulated) as figure:
         panels = figure.subplots(1, 2 if shares else 1, sharey=True, squeeze=False)[0]
         if shares:
             _bars(panels[0], model)

@@ -15,7 +15,6 @@ from analysis.plots.style import (
     name_rows,
     new_figure,
     row_in,
-    style,
 )
 
 
@@ -27,13 +26,12 @@ def jod_plot(
     simulated: bool = False,
 ) -> Figure:
     """Draw mean-zero scores with bootstrap limits, best on top, a panel per entry of `scales`."""
-    with style(width_in):
-        count = max(len(scale.conditions) for scale, _ in scales.values())
-        stacked = width_in < 5
-        names = [label(one) for scale, _ in scales.values() for one in scale.conditions]
-        each_in = row_in(names, width_in, 0.28)
-        height = (0.55 + each_in * count) * (len(scales) if stacked else 1) + 0.4
-        figure = new_figure(width_in, height, simulated=simulated)
+    count = max(len(scale.conditions) for scale, _ in scales.values())
+    stacked = width_in < 5
+    names = [label(one) for scale, _ in scales.values() for one in scale.conditions]
+    each_in = row_in(names, width_in, 0.28)
+    height = (0.55 + each_in * count) * (len(scales) if stacked else 1) + 0.4
+    with new_figure(width_in, height, simulated=simulated) as figure:
         shape = (len(scales), 1) if stacked else (1, len(scales))
         panels = figure.subplots(*shape, sharex=True, squeeze=False)
         for axes, (name, (scale, limits)) in zip(panels.ravel(), scales.items(), strict=True):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from analysis.models.sequential_bounds import SequentialPlan
-from analysis.plots.style import BLUE, GREY, ORANGE, Figure, explain, new_figure, style
+from analysis.plots.style import BLUE, GREY, ORANGE, Figure, explain, new_figure
 from analysis.report.wording import leading
 
 LEAST_SHOWN = 1e-6
@@ -22,8 +22,7 @@ def bounds_plot(
 
     The axis of p is logarithmic, smaller above. `people` is how many took part so far.
     """
-    with style(width_in):
-        figure = new_figure(width_in, 2.4, simulated=simulated)
+    with new_figure(width_in, 2.4, simulated=simulated) as figure:
         axes = figure.subplots()
         reject = [max(bound, LEAST_SHOWN) for bound in plan.reject_p]
         axes.plot(plan.looks, reject, "o-", color=BLUE, ms=4, label="significant")

@@ -78,15 +78,6 @@ def _styled(fonts: Any = None) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def style(width_in: float) -> Iterator[float]:
-    """Apply the house style and give the font size for a figure of this width."""
-    size = font_size(width_in)
-    families = ["DejaVu Sans", *_installed()]
-    with _styled({"font.size": size, "font.family": families}):
-        yield size
-
-
 def font_size(width_in: float) -> float:
     """Return the font size of a figure of this width, in points."""
     return 6.5 if width_in < 5 else 8.0
@@ -100,17 +91,20 @@ def _installed() -> tuple[str, ...]:
     return tuple(name for name in _OTHER_SCRIPTS if name in names)
 
 
-def new_figure(width_in: float, height_in: float, *, simulated: bool) -> Figure:
-    """Return an empty figure; one of simulated data says so above everything."""
+@contextmanager
+def new_figure(width_in: float, height_in: float, *, simulated: bool) -> Iterator[Figure]:
+    """Give an empty figure in the house style; one of simulated data says so above everything."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width_in, height_in + (0.22 if simulated else 0.0)))
-    FigureCanvasAgg(figure)
-    figure.set_layout_engine("constrained")
-    if simulated:
-        figure.suptitle(SIMULATED_TEXT, color=ORANGE, fontweight="bold", x=0.99, ha="right")
-    return figure
+    families = ["DejaVu Sans", *_installed()]
+    with _styled({"font.size": font_size(width_in), "font.family": families}):
+        figure = Figure(figsize=(width_in, height_in + (0.22 if simulated else 0.0)))
+        FigureCanvasAgg(figure)
+        figure.set_layout_engine("constrained")
+        if simulated:
+            figure.suptitle(SIMULATED_TEXT, color=ORANGE, fontweight="bold", x=0.99, ha="right")
+        yield figure
 
 
 def wrapped(label: str, width_in: float) -> str:

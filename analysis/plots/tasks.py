@@ -33,7 +33,6 @@ from analysis.plots.style import (
     null_line,
     row_in,
     share_axis,
-    style,
 )
 
 Label = Callable[[str], str]
@@ -48,10 +47,9 @@ def detection_plot(
 ) -> Figure:
     """Draw the shares answered correctly and with one answer, as [BB] Fig. 20."""
     cells = results.conditions
-    with style(width_in):
-        figure = new_figure(
-            width_in, 0.9 + _rows_in(cells, label, width_in, 0.34), simulated=simulated
-        )
+    with new_figure(
+        width_in, 0.9 + _rows_in(cells, label, width_in, 0.34), simulated=simulated
+    ) as figure:
         panels = figure.subplots(1, 2, sharey=True)
         said = f'Share answered "{label(cells[0].bias_answer)}"'
         for axes, title, wide, colour, bars in (
@@ -79,10 +77,9 @@ def d_prime_plot(
 ) -> Figure:
     """Draw d' by condition with limits; of a yes-no task the criterion in a second panel."""
     cells = results.conditions
-    with style(width_in):
-        figure = new_figure(
-            width_in, 0.9 + _rows_in(cells, label, width_in, 0.3), simulated=simulated
-        )
+    with new_figure(
+        width_in, 0.9 + _rows_in(cells, label, width_in, 0.3), simulated=simulated
+    ) as figure:
         two = isinstance(results, YesNoResults)
         panels = figure.subplots(1, 2 if two else 1, sharey=True, squeeze=False)[0]
         if isinstance(results, YesNoResults):
@@ -125,8 +122,7 @@ def scaling_plot(
         are those of the population's mean share, and so comparable with the data: where people
         differ it leaves 0 before the typical participant's critical scaling.
     """
-    with style(width_in):
-        figure = new_figure(width_in, 2.7 if width_in < 5 else 3.3, simulated=simulated)
+    with new_figure(width_in, 2.7 if width_in < 5 else 3.3, simulated=simulated) as figure:
         axes = figure.subplots()
         everything = np.concatenate([x for x, *_ in counts.values()])
         ends = [
@@ -211,10 +207,9 @@ def rates_plot(
     rates: Sequence[Rate], *, label: Label = str, width_in: float = 3.33, simulated: bool = False
 ) -> Figure:
     """Draw shares of right answers by condition, with limits and p against chance."""
-    with style(width_in):
-        figure = new_figure(
-            width_in, 0.75 + _rows_in(rates, label, width_in, 0.34), simulated=simulated
-        )
+    with new_figure(
+        width_in, 0.75 + _rows_in(rates, label, width_in, 0.34), simulated=simulated
+    ) as figure:
         axes = figure.subplots()
         for y, one in enumerate(rates):
             _share_bar(axes, y, one, ORANGE)

@@ -12,6 +12,7 @@ from analysis.plots.style import (
     ORANGE,
     Figure,
     explain,
+    font_size,
     interval,
     limits_text,
     name_rows,
@@ -21,7 +22,6 @@ from analysis.plots.style import (
     row_in,
     share_axis,
     share_text,
-    style,
 )
 
 Label = Callable[[str], str]
@@ -47,13 +47,13 @@ def heat_map(
     from matplotlib.colors import LinearSegmentedColormap
 
     every = len(rows) // NUMBERED_ROWS + 1  # how many rows a name stands for
-    with style(width_in) as size:
-        cell_in = (0.19 if width_in < 5 else 0.23) if every == 1 else PAGE_IN / len(rows)
-        longest = max(len(line) for text in columns for line in text.split("\n"))
-        lines = max(text.count("\n") for text in columns) + 1
-        upright = longest * size * 0.0092 > (width_in - 1.1) / max(len(columns), 1)
-        head = 0.1 + (longest * size * 0.0085 if upright else lines * size * 0.018)
-        figure = new_figure(width_in, 0.45 + head + cell_in * len(rows), simulated=simulated)
+    size = font_size(width_in)
+    cell_in = (0.19 if width_in < 5 else 0.23) if every == 1 else PAGE_IN / len(rows)
+    longest = max(len(line) for text in columns for line in text.split("\n"))
+    lines = max(text.count("\n") for text in columns) + 1
+    upright = longest * size * 0.0092 > (width_in - 1.1) / max(len(columns), 1)
+    head = 0.1 + (longest * size * 0.0085 if upright else lines * size * 0.018)
+    with new_figure(width_in, 0.45 + head + cell_in * len(rows), simulated=simulated) as figure:
         axes = figure.subplots()
         edges = (np.arange(count + 1) - 0.5 for count in (len(columns), len(rows)))
         diverging = LinearSegmentedColormap.from_list("shares", [ORANGE, "#FFFFFF", BLUE])
@@ -97,8 +97,7 @@ def bias_bars(
     simulated: bool = False,
 ) -> Figure:
     """Draw how often the first interval and the left key were picked, people as dots."""
-    with style(width_in):
-        figure = new_figure(width_in, 0.7 + 0.4 * len(biases), simulated=simulated)
+    with new_figure(width_in, 0.7 + 0.4 * len(biases), simulated=simulated) as figure:
         axes = figure.subplots()
         for y, bias in enumerate(biases):
             own_dots(axes, y, [share for _, share in bias.by_participant])
@@ -122,9 +121,8 @@ def reaction_plot(
     """Draw participants' median reaction times and their mean with limits, on a log axis."""
     from matplotlib.ticker import MaxNLocator
 
-    with style(width_in):
-        each_in = row_in([label(one.condition) for one in summaries], width_in, 0.36)
-        figure = new_figure(width_in, 0.75 + each_in * len(summaries), simulated=simulated)
+    each_in = row_in([label(one.condition) for one in summaries], width_in, 0.36)
+    with new_figure(width_in, 0.75 + each_in * len(summaries), simulated=simulated) as figure:
         axes = figure.subplots()
         for y, summary in enumerate(summaries):
             own_dots(axes, y, medians.get(summary.condition, ()))
