@@ -144,9 +144,9 @@ class Workload:
         renderer = TexturedRenderer(self._ctx, baked, geometry, MetamerSettings())
         scene = SCENES["planet"]
         x, y = (self._edge_px * share for share in scene.gaze_share)
-        look: Any = name
+        condition: Any = name
         held_bytes = renderer.held_bytes
-        return lambda: renderer.draw(scene, look, (x, y)), held_bytes, renderer.release
+        return lambda: renderer.draw(scene, condition, (x, y)), held_bytes, renderer.release
 
 
 def check_compute(ctx: moderngl.Context) -> None:

@@ -50,7 +50,7 @@ class Timer:
     def wait_until(self, t_s: float) -> None:
         time.sleep(max(0.0, t_s - time.monotonic()))
 
-    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:  # noqa: ARG002
+    def paint(self, picture: moderngl.Texture, gaze_state: GazeState) -> None:  # noqa: ARG002
         self._ctx.finish()
 
     def flip(self) -> float:

@@ -148,7 +148,8 @@ def _print_turning() -> None:
     for turn_deg in (0.0, *TURNS_DEG):
         fragments, shown = renderer.fragments(dark, gaze_px, foveated=True, turn_deg=turn_deg)
         metamer, blur = (
-            renderer.picture(dark, look, gaze_px, turn_deg=turn_deg) for look in ("metamer", "blur")
+            renderer.picture(dark, condition, gaze_px, turn_deg=turn_deg)
+            for condition in ("metamer", "blur")
         )
         seen.append((fragments.place_px, (metamer - blur)[..., 1], shown & (fragments.rho < 3)))
     renderer.release()

@@ -123,7 +123,7 @@ class Machine(Model):
     full_screen: bool
     touch: bool
     simulated: bool = False
-    """No person took part: an artificial observer drove the page."""
+    """True if no person took part: an artificial observer drove the page."""
 
 
 class Remote(Model):

@@ -11,8 +11,8 @@ from pydantic import AfterValidator
 from protocols.units import Count, ExtendedModel, Model, storable
 
 EyeState: TypeAlias = Literal["found", "lost", "silent", "ahead", "none"]
-"""Of the newest sample: it saw the eye; it did not; there was none for 100 ms; its stamp lies ahead
-of the clock; there never was one. Only a gaze that was `found` has a latency."""
+"""State of the eye by the newest sample: it saw the eye; it did not; there was none for 100 ms; its
+stamp lies ahead of the clock; there never was one. Only a gaze that was `found` has a latency."""
 
 
 class SaccadeTimes(Model):
@@ -37,7 +37,7 @@ class LiveFrames(ExtendedModel):
     ahead: Count
     """Frames whose sample was stamped later than it came."""
     saccades: tuple[SaccadeTimes, ...] = ()
-    """Those that were under way or just over in the attempt, as far as gaze had come."""
+    """Saccades under way or just over in the attempt, as far as gaze had come."""
 
     added_later: ClassVar[tuple[str, ...]] = ("saccades",)
 

@@ -49,7 +49,7 @@ from protocols.units import (
 from protocols.viewing import Viewing
 
 Place: TypeAlias = tuple[int, int]
-"""Of an upper left corner: pixels right of and below the screen's middle."""
+"""Place of an upper left corner: pixels right of and below the screen's middle."""
 Size: TypeAlias = tuple[Pixels, Pixels]
 """Width and height."""
 Rect: TypeAlias = tuple[int, int, Count, Count]

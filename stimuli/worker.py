@@ -44,7 +44,7 @@ NUMPY = RendererInfo("", "none: numpy", "")
 
 
 class ContextHolder(Protocol):
-    """A thing that holds a context."""
+    """Holder of an OpenGL context."""
 
     def release(self) -> None:
         """Free the GPU."""

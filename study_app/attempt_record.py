@@ -197,9 +197,9 @@ def _flips_csv(
 def _live_columns(live: LiveFrame | None, kept: Mapping[int, KeptPixels]) -> str:
     if live is None:
         return "," * LIVE_HEADER.count(",")
-    flip, look = live.flip, live.flip.look
-    places = ",".join(map(repr, (*look.gaze_px, *look.field_px)))
+    flip, gaze_state = live.flip, live.flip.gaze_state
+    places = ",".join(map(repr, (*gaze_state.gaze_px, *gaze_state.field_px)))
     age = "" if math.isnan(flip.age_s) else f"{flip.age_s:.6f}"
     some = ",".join(kept.get(flip.number, ("", "")))
     suppressed = "" if flip.suppressed is None else int(flip.suppressed)
-    return f",{places},{age},{flip.eye},{look.seed},{live.sha256},{some},{suppressed}"
+    return f",{places},{age},{flip.eye},{gaze_state.seed},{live.sha256},{some},{suppressed}"

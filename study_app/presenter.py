@@ -260,7 +260,7 @@ class Presenter:
         """Take events until then, for a live frame."""
         self._window.pump_until(t_s)
 
-    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:  # noqa: ARG002
+    def paint(self, picture: moderngl.Texture, gaze_state: GazeState) -> None:  # noqa: ARG002
         """Draw the flip that is shown next, with what follows the gaze; return once it is drawn."""
         live = live_entry(self._showing.phase)
         assert live is not None

@@ -22,7 +22,7 @@ class KeyPress(NamedTuple):
     key: str
     """Named as in `protocols.study_file.session_schema`: a `KeyName`, or `POINTER`."""
     t_s: float
-    """On the stage's clock."""
+    """Time on the stage's clock."""
     at: float = 0.0
     """Of the pointer: share of the screen's width, from the left."""
 
@@ -31,9 +31,9 @@ class FlipReport(NamedTuple):
     """Facts about one flip."""
 
     t_s: float
-    """On the stage's clock."""
+    """Time on the stage's clock."""
     number: int
-    """Of the flip, from 0 where the window opened: what the frame strip says."""
+    """Number of the flip, from 0 where the window opened: what the frame strip says."""
     evidence: str
     """Evidence for the stamp; see `protocols.journal.SessionStart.timing_evidence`."""
     live: LiveFrame | None = None

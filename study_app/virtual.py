@@ -201,7 +201,7 @@ class VirtualStage:
         """Move the clock."""
         self._clock.move_to(t_s)
 
-    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:
+    def paint(self, picture: moderngl.Texture, gaze_state: GazeState) -> None:
         """Nothing to paint on."""
 
     def flip(self) -> float:

@@ -197,7 +197,7 @@ class Part(ABC, Generic[P, R]):
     """A statistic: `P` are the settings that it reads, `R` its numbers."""
 
     name: ClassVar[str]
-    """As in `results.json`."""
+    """Name in `results.json`."""
     section: ClassVar[tuple[str, str]]
     """Section of the page: its name and title. Parts of the same name share a section."""
     needs: ClassVar[tuple[str, ...]] = ()

@@ -103,7 +103,7 @@ class RateTableSettings(RatesAnalysis, ConditionNames):
     """A second column: tests whether the differences between values of `by` differ between its
     values."""
     shape: Shape = "gauss"
-    """Of the curve: gauss, logistic, or weibull where levels are above 0."""
+    """Shape of the curve: gauss, logistic, or weibull where levels are above 0."""
 
 
 class DetectionTableSettings(RateTableSettings, DetectionAnalysis):

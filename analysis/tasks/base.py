@@ -31,7 +31,7 @@ class TaskAnalysis(ABC, Generic[S]):
     """
 
     kind: ClassVar[str]
-    """As in the section `[analysis]` of a study."""
+    """Kind in the section `[analysis]` of a study."""
     task: ClassVar[str] = "decisions"
     """Word for several trials in a sentence."""
     parts: ClassVar[tuple[AnyPart, ...]] = ()

@@ -149,5 +149,5 @@ class DecompressPass(PicturePass):
         self._weigh["places"] = np.array(places, np.float32)
         self._finish = self._compile("finish_screen", **noise_constants(self.levels, BASE=False))
         self._finish["strength"] = 1.0
-        self._eye.look(self._grid.gaze_px)
+        self._eye.set_gaze(self._grid.gaze_px)
         self._noise = self._part(screen_noise(self._ctx, self.size, self.levels, wraps=False))

@@ -69,7 +69,7 @@ class DenoisePass(PicturePass):
     ) -> None:
         """Make the metamer of what was loaded, into `target`: rgba32f of the picture's size."""
         check_texture(target, "target", self.size, "rgba32f")
-        self._eye.look(gaze_px)
+        self._eye.set_gaze(gaze_px)
         self._noise.set_seed(check_seed(seed))
         self._weigh.run_over(halved(self._blocks), maps=self._maps, weights=self._weights)
         self._finish.run_over(

@@ -119,7 +119,7 @@ class DisplacementPass(FoveationPass):
 
     def _displace(self, source: moderngl.Texture, call: Call) -> None:
         self.set_seed(call.seed)
-        self._field_pooled.look(call.field_gaze_px)
+        self._field_pooled.set_gaze(call.field_gaze_px)
         self._field.displace(source)
         if self._match:
             self._match.pull_displaced(self._warped)

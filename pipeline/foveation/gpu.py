@@ -141,7 +141,7 @@ class FoveationPass(PicturePass):
             raise ValueError("hold a picture before you show it")
         if call.noise_shift_px is not None and not self.carries_noise:
             raise ValueError("these passes cannot carry noise along; numpy can")
-        self._eye.look(call.gaze_px)
+        self._eye.set_gaze(call.gaze_px)
         self._choose(self._source, call)
         return self._source
 

@@ -88,7 +88,7 @@ class PoolUniforms:
                 self._gazes[-1].write(self._ray)
         return shader
 
-    def look(self, gaze_px: tuple[float, float]) -> None:
+    def set_gaze(self, gaze_px: tuple[float, float]) -> None:
         """Tell all shaders where the eye looks."""
         if gaze_px == self._looks_at:
             return

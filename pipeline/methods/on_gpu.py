@@ -102,7 +102,7 @@ class OnGpu(ABC, Generic[P]):
 
 
 class DepthGuidedMethod(OnGpu[P]):
-    """One that depth guides; its parameters are the fields of `settings_class`, and `z_near_m`."""
+    """A method that depth guides; its parameters: fields of `settings_class`, and `z_near_m`."""
 
     settings_class: ClassVar[type[Any]]
 

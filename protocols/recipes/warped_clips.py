@@ -286,13 +286,13 @@ class RgbdScene(ExtendedModel, _PhotoScene):
     """`distance`: along the optical axis. `inverse`: 1 / distance. `ray`: along each pixel's
     ray."""
     unknown: list[StoredNumber] | None = None
-    """As for a stereo pair, of the depth image."""
+    """Numbers of the depth image that stand for unknown, as for a stereo pair."""
     focal_px: FocalPixels
     """Focal length."""
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
-    """As for a stereo pair. Use 0 for pictures rendered without anti-aliasing."""
+    """Rim, as for a stereo pair. Use 0 for renders without anti-aliasing."""
     depth_speckle: bool = True
-    """As for a stereo pair. Use `false` for rendered depth."""
+    """Mending of outliers, as for a stereo pair. Use `false` for rendered depth."""
 
     added_later: ClassVar[tuple[str, ...]] = ("depth_is", "unknown", "depth_speckle")
 
@@ -322,9 +322,9 @@ class ExrScene(ExtendedModel, _PhotoScene):
     transfer: Literal["srgb", "rec709", "linear"] = "srgb"
     """Encoding of scene-linear values. `linear`: they are encoded already."""
     rim_px: RimPixels = 0
-    """As for a stereo pair. Use 1 for photographs and anti-aliased pictures."""
+    """Rim, as for a stereo pair. Use 1 for photographs and anti-aliased pictures."""
     depth_speckle: bool = False
-    """As for a stereo pair. Use `true` for measured depth."""
+    """Mending of outliers, as for a stereo pair. Use `true` for measured depth."""
 
     added_later: ClassVar[tuple[str, ...]] = ("depth_speckle",)
 

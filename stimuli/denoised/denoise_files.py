@@ -28,7 +28,7 @@ from stimuli.reporter import SILENT, Reporter
 from stimuli.scenes.builtin_scenes import build_scene
 
 NETWORKS: tuple[Kind, ...] = ("moments", "rgb")
-"""Those that come with metamerlab, by name."""
+"""Networks that come with metamerlab, by name."""
 ENDINGS = (".png", ".exr")
 DENSITIES_ALIKE = 1.5
 """A picture with so many times the pixels per degree of the training pictures is remarked on."""

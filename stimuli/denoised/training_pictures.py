@@ -75,13 +75,13 @@ class SceneView:
         moved = first.moved(away_m * np.multiply(SHIFT, rng.uniform(-1, 1, 3)))
         aside, up = np.radians(np.multiply(TURN_DEG, rng.uniform(-1, 1, 2)))
         pose = moved.world_from_camera
-        look = (
+        forward = (
             np.cos(aside) * np.cos(up) * pose[:3, 2]
             + np.sin(aside) * np.cos(up) * pose[:3, 0]
             - np.sin(up) * pose[:3, 1]
         )
         position = pose[:3, 3]
-        there = position + away_m * look
+        there = position + away_m * forward
         return Viewpoint(_vector(position), _vector(there), WIDTH_DEG).camera(edge_px, edge_px)
 
 

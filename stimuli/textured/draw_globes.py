@@ -18,8 +18,8 @@ from pipeline.textures.reference import Fragments
 from stimuli.programs import columns, set_uniform, shader_text
 from stimuli.textured.scenes import Globe, TexturedScene, globe_vertices
 
-Look = Literal["reference", "blur", "metamer"]
-LOOKS: tuple[Look, ...] = ("reference", "blur", "metamer")
+GlobeCondition = Literal["reference", "blur", "metamer"]
+GLOBE_CONDITIONS: tuple[GlobeCondition, ...] = ("reference", "blur", "metamer")
 """Sources of a pixel: the texture at its own size; at its pool's; and noise of what that lost."""
 BACKDROP = 0.02
 _NEAR_M = 0.01
@@ -65,27 +65,27 @@ class TexturedRenderer:
     def picture(
         self,
         scene: TexturedScene,
-        look: Look,
+        condition: GlobeCondition,
         gaze_px: tuple[float, float],
         *,
         turn_deg: float = 0.0,
     ) -> NDArray[np.float32]:
         """Picture of the scene, its globes turned: (H, W, 3), encoded R'G'B'."""
-        self.draw(scene, look, gaze_px, turn_deg=turn_deg)
+        self.draw(scene, condition, gaze_px, turn_deg=turn_deg)
         return self._read()[..., :3]
 
     def draw(
         self,
         scene: TexturedScene,
-        look: Look,
+        condition: GlobeCondition,
         gaze_px: tuple[float, float],
         *,
         turn_deg: float = 0.0,
     ) -> None:
         """Draw the scene as `picture` does, and leave it on the GPU."""
         program = self._texture.use(
-            "colour", foveated=look != "reference",
-            strength=self._settings.noise if look == "metamer" else 0.0,
+            "colour", foveated=condition != "reference",
+            strength=self._settings.noise if condition == "metamer" else 0.0,
         )  # fmt: skip
         backdrop = (BACKDROP, BACKDROP, BACKDROP, 0.0)
         self._draw(scene, program, gaze_px, turn_deg, backdrop)
@@ -127,7 +127,7 @@ class TexturedRenderer:
         backdrop: tuple[float, float, float, float],
     ) -> None:
         ctx, geometry = self._ctx, self._geometry
-        self._pooled.look(gaze_px)
+        self._pooled.set_gaze(gaze_px)
         set_uniform(program, "clip_from_camera", columns(_projection(geometry)))
         light = np.asarray(scene.light) / max(float(np.linalg.norm(scene.light)), 1e-9)
         set_uniform(program, "light_direction", tuple(light.tolist()))

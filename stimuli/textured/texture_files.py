@@ -26,7 +26,7 @@ from stimuli.foveated.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_wo
 from stimuli.foveated.moving import save_moving
 from stimuli.foveated.rings import draw_gaze
 from stimuli.reporter import SILENT, Reporter
-from stimuli.textured.draw_globes import LOOKS, TexturedRenderer
+from stimuli.textured.draw_globes import GLOBE_CONDITIONS, TexturedRenderer
 from stimuli.textured.planet import planet_map
 from stimuli.textured.scenes import TexturedScene, open_textured_scene
 
@@ -180,10 +180,10 @@ def show_scene(
     renderer = TexturedRenderer(ctx, texture, looking.geometry, settings, seed=seed)  # type: ignore[arg-type]
     try:
         tiles = []
-        for look in LOOKS:
-            shown = renderer.picture(scene, look, gaze_px, turn_deg=turn_deg)
+        for condition in GLOBE_CONDITIONS:
+            shown = renderer.picture(scene, condition, gaze_px, turn_deg=turn_deg)
             tiles.append(
-                (_WORDS[look], draw_gaze(pictures.of_colour(shown), gaze_px, size_px / 90))
+                (_WORDS[condition], draw_gaze(pictures.of_colour(shown), gaze_px, size_px / 90))
             )
         share = saved_share(renderer, layout, scene, gaze_px, turn_deg=turn_deg)
         if asked.animate is not None:

@@ -48,7 +48,9 @@ def script(
     protocol: ProtocolArgument,
     person: PlaceOptions,
     *,
-    trial: Annotated[str | None, typer.Option(help="This trial alone, such as main-0003.")] = None,
+    trial: Annotated[
+        str | None, typer.Option(help="Trial to print, such as main-0003. Left out: all.")
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print plan and scripts as JSON, for programs.")
     ] = False,

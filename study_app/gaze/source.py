@@ -39,13 +39,13 @@ class GazeSample(NamedTuple):
     """One sample."""
 
     t_s: float
-    """On the session's monotonic clock."""
+    """Time on the session's monotonic clock."""
     raw_t: float
     """The tracker's own stamp, as it gave it."""
     x_px: float
-    """From the left edge of the display; nan where the eye was lost."""
+    """Distance from the left edge of the display; nan where the eye was lost."""
     y_px: float
-    """From the upper edge."""
+    """Distance from the upper edge."""
 
     @property
     def valid(self) -> bool:
@@ -87,7 +87,7 @@ class RawFile(NamedTuple):
     """Data that a tracker recorded or sent, byte for byte."""
 
     suffix: str
-    """Of the file's name, with its dot."""
+    """End of the file's name, with its dot."""
     data: bytes
 
 

@@ -108,7 +108,7 @@ class NullRenderer:
             self._eye_px = eye_px
         return self._eye_px, self._eye_px
 
-    def draw(self, look: GazeState) -> moderngl.Texture:  # noqa: ARG002
+    def draw(self, gaze_state: GazeState) -> moderngl.Texture:  # noqa: ARG002
         """There is none."""
         return cast("moderngl.Texture", None)
 
@@ -292,8 +292,8 @@ class LiveShow:
                 renderer.prepare(seed)
                 settle()
                 begin_s = self._screen.now()
-                look = GazeState(*renderer.follow(place, 0.1), seed)
-                self._screen.paint(renderer.draw(look), look)
+                gaze_state = GazeState(*renderer.follow(place, 0.1), seed)
+                self._screen.paint(renderer.draw(gaze_state), gaze_state)
                 taken_s.append(self._screen.now() - begin_s)
             found = max(found, (median(taken_s[1:]), live.method))
         self._cost_s = found[0]

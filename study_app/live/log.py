@@ -76,7 +76,7 @@ class LiveStart(_Line):
     format: Literal[1]
     at: UtcTime
     source: str
-    """As it was named."""
+    """Name of the source, as it was given."""
     reading: LoggedReading
     gaze: str
     display: Display
@@ -96,7 +96,7 @@ class LiveChoice(_Line):
     kind: Literal["choice"]
     described: RendererDescription
     sha256: Sha256
-    """Of that."""
+    """Hash of that."""
 
 
 class LiveFlip(_Line):
@@ -115,9 +115,9 @@ class LiveFlip(_Line):
     turned_deg: tuple[float, float]
     eye: EyeState
     age_s: float | None
-    """From the sample whose gaze is shown to the flip; null before the first one."""
+    """Time from the sample whose gaze is shown to the flip; null before the first one."""
     head_age_s: float | None = None
-    """From the pose that turned the view to the flip; null: none did."""
+    """Time from the pose that turned the view to the flip; null: none did."""
     suppressed: bool | None = None
     """True if the eye saw little then, as far as gaze had come; null: nobody watched."""
     pixels: Sha256 | None = None
@@ -132,13 +132,13 @@ class LiveFlip(_Line):
         return LiveView(self.frame, *self.turned_deg)
 
     @property
-    def look(self) -> GazeState:
+    def gaze_state(self) -> GazeState:
         """Gaze and seed that it was drawn for."""
         return GazeState(self.gaze_px, self.field_px, self.seed)
 
 
 class LiveSaccade(_Line):
-    """One that was over at the poll of the next flip; both times are stamps of samples."""
+    """A saccade that was over at the poll of the next flip; times are stamps of samples."""
 
     kind: Literal["saccade"]
     onset_s: float
@@ -235,9 +235,9 @@ class LiveLog:
                 "poll_s": flip.poll_s,
                 "drawn_s": flip.drawn_s,
                 "refreshes": flip.refreshes,
-                "gaze_px": list(flip.look.gaze_px),
-                "field_px": list(flip.look.field_px),
-                "seed": flip.look.seed,
+                "gaze_px": list(flip.gaze_state.gaze_px),
+                "field_px": list(flip.gaze_state.field_px),
+                "seed": flip.gaze_state.seed,
                 "frame": flip.view.frame,
                 "turned_deg": [flip.view.right_deg, flip.view.down_deg],
                 "eye": flip.eye,

@@ -39,7 +39,7 @@ class Screen(Protocol):
     def wait_until(self, t_s: float) -> None:
         """Take what events come until then."""
 
-    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:
+    def paint(self, picture: moderngl.Texture, gaze_state: GazeState) -> None:
         """Put a picture, and what lies over it, into the next frame; return once it is drawn."""
 
     def flip(self) -> float:
@@ -66,14 +66,14 @@ class DrawnFlip(NamedTuple):
     refreshes: int
     """Since the flip before; 0 for the first one, and after a pause."""
     view: LiveView
-    look: GazeState
+    gaze_state: GazeState
     eye: EyeState
     sample_s: float
     """Stamp of the sample whose gaze is shown, not a number before the first one."""
     follows: bool = True
     """True if it took the newest gaze, false if it held one until a saccade."""
     saccades: tuple[Saccade, ...] = ()
-    """Those that ended since the flip before."""
+    """Saccades that ended since the flip before."""
     suppressed: bool | None = None
     """True if the eye saw little at the flip, as far as gaze had come; None: nobody watched."""
 
@@ -153,9 +153,9 @@ class LiveLoop:
         free = free or bool(self._suppressed(begin_s + self._need_s))
         eye_px = self._eye_px() if free else (math.nan, math.nan)
         gaze_px, field_px = renderer.follow(eye_px, elapsed / hz)
-        look = GazeState(gaze_px, field_px, seed)
-        picture = renderer.draw(look)
-        screen.paint(picture, look)
+        gaze_state = GazeState(gaze_px, field_px, seed)
+        picture = renderer.draw(gaze_state)
+        screen.paint(picture, gaze_state)
         drawn_s = screen.now()
         self._cost_s = max(drawn_s - begin_s, _FORGET * self._cost_s)
         t_s = screen.flip()
@@ -163,8 +163,8 @@ class LiveLoop:
         refreshes = 0 if began else max(0, round((t_s - self._flip_s) * hz))
         sample_s = math.nan if self._seen is None else self._seen.t_s
         flip = DrawnFlip(
-            self.number, t_s, poll_s, drawn_s, refreshes, view, look, self._eye(poll_s), sample_s,
-            free, ended, self._suppressed(t_s),
+            self.number, t_s, poll_s, drawn_s, refreshes, view, gaze_state, self._eye(poll_s),
+            sample_s, free, ended, self._suppressed(t_s),
         )  # fmt: skip
         if free:
             self.latency.add(flip.eye, flip.age_s)

@@ -53,7 +53,7 @@ class GreySquare:
         """Return the eye's own place."""
         return eye_px, eye_px
 
-    def draw(self, look: GazeState) -> moderngl.Texture:  # noqa: ARG002
+    def draw(self, gaze_state: GazeState) -> moderngl.Texture:  # noqa: ARG002
         """Return the square."""
         return self._texture
 

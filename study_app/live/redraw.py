@@ -63,11 +63,11 @@ def redraw(
             continue
         renderer.prepare(line.seed)
         renderer.hold(line.view)
-        same, off = compared(pixels, renderer.draw(line.look), line.pixels, line.grid)
+        same, off = compared(pixels, renderer.draw(line.gaze_state), line.pixels, line.grid)
         drawn += 1
         equal += same
         if (exactly and not same) or off > NEAR:
-            problems.append(f"flip {line.n}: {must_show(line.look, off)}")
+            problems.append(f"flip {line.n}: {must_show(line.gaze_state, off)}")
     return RedrawResult(flips, drawn, equal, tuple(problems))
 
 
@@ -80,8 +80,8 @@ def compared(
     return found == sha256, int(np.abs(kept.astype(int) - some).max())
 
 
-def must_show(look: GazeState, off: int) -> str:
+def must_show(gaze_state: GazeState, off: int) -> str:
     return (
-        f"must show what gaze {look.gaze_px[0]:g}, {look.gaze_px[1]:g} and seed {look.seed} give"
-        f" (pixels differ, those that were kept by up to {off} of 255)"
+        f"must show what gaze {gaze_state.gaze_px[0]:g}, {gaze_state.gaze_px[1]:g} and seed"
+        f" {gaze_state.seed} give (pixels differ, those that were kept by up to {off} of 255)"
     )

@@ -165,13 +165,13 @@ class TrialDrawer:
             live, source = self._methods[name], self.manifest.clip(name).frames_sha256[0]
         except (LookupError, StopIteration, StudyError, ValueError) as error:
             return _Found((0, 0), (f"must be a flip of this study ({error})",))
-        look, number = flip.look, flip.number
+        gaze_state, number = flip.gaze_state, flip.number
         problems = []
         said = described(live, source, entry, script.stimulus_px, self.display)
         if flip.drawn_sha256 != sha256_json(said):
             problems.append(f"{name}: source, place and parameters must be the study's")
-        if look.seed != live.seed:
-            problems.append(f"{name}: must have seed {live.seed} (got {look.seed})")
+        if gaze_state.seed != live.seed:
+            problems.append(f"{name}: must have seed {live.seed} (got {gaze_state.seed})")
             return _Found((0, 0), tuple(problems))
         corner = entry.at[0] + script.size_px[0] // 2, entry.at[1] + script.size_px[1] // 2
         if flip.eye == "found" and samples and not _is_of(flip, corner, samples):
@@ -183,18 +183,18 @@ class TrialDrawer:
         if not flip.pixels_sha256 and number not in captured:
             return _Found((0, 0), tuple(problems))
         renderer = self.studio(entry.stimulus, said, self.pixels_of(name))
-        renderer.prepare(look.seed)
+        renderer.prepare(gaze_state.seed)
         renderer.hold(LiveView())
-        picture = renderer.draw(look)
+        picture = renderer.draw(gaze_state)
         kept, same = bool(flip.pixels_sha256), False
         if kept:
             same, off = compared(self._pixels, picture, flip.pixels_sha256, flip.grid)
             if (exactly and not same) or off > NEAR:
-                problems.append(must_show(look, off))
+                problems.append(must_show(gaze_state, off))
         if number in captured:
             screen = self._whole(script, phase, entry, picture)
             off = _off(screen, captured[number][1])
-            seen[number] = must_show(look, off) if off > (0 if exactly else NEAR) else ""
+            seen[number] = must_show(gaze_state, off) if off > (0 if exactly else NEAR) else ""
         return _Found((int(kept), int(same)), tuple(problems))
 
     def _whole(
@@ -217,7 +217,7 @@ class RecordedFlip:
     phase: str
     t_s: float
     refreshes: int
-    look: GazeState
+    gaze_state: GazeState
     age_s: float
     """Of the sample whose gaze is shown; not a number before the first one."""
     eye: str
@@ -240,7 +240,7 @@ class RecordedFlip:
             phase=row["phase"],
             t_s=t_s,
             refreshes=int(row["refreshes"]),
-            look=GazeState((gaze_x, gaze_y), (field_x, field_y), int(row["seed"])),
+            gaze_state=GazeState((gaze_x, gaze_y), (field_x, field_y), int(row["seed"])),
             age_s=float(row["age_s"] or "nan"),
             eye=row["eye"],
             drawn_sha256=row["drawn_sha256"],
@@ -301,7 +301,7 @@ def _is_of(flip: RecordedFlip, corner_px: tuple[int, int], samples: Samples) -> 
     return any(
         all(
             abs(place - corner - gaze) <= 0.5 / STEPS_PER_PX + _ROUNDED_PX
-            for place, corner, gaze in zip(sample, corner_px, flip.look.gaze_px, strict=True)
+            for place, corner, gaze in zip(sample, corner_px, flip.gaze_state.gaze_px, strict=True)
         )
         for sample in near
     )
@@ -309,7 +309,7 @@ def _is_of(flip: RecordedFlip, corner_px: tuple[int, int], samples: Samples) -> 
 
 def _moves(flip: RecordedFlip, before: RecordedFlip) -> bool:
     """Return True if a flip of a phase was drawn to another gaze than the one before."""
-    return flip.phase == before.phase and flip.look != before.look
+    return flip.phase == before.phase and flip.gaze_state != before.gaze_state
 
 
 def _falls_into(windows: Sequence[SaccadeTimes], flip: RecordedFlip, hz: float) -> bool:

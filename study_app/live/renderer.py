@@ -77,7 +77,7 @@ class Follower(Protocol):
         Not a number: the eye is lost, and both hold; the middle until it was ever found.
         """
 
-    def draw(self, look: GazeState) -> moderngl.Texture:
+    def draw(self, gaze_state: GazeState) -> moderngl.Texture:
         """Show what is held, in a texture that stays the renderer's: rgba32f or rgba8."""
 
 

@@ -88,12 +88,12 @@ class WindowScreen:
         """Change what the overlay says."""
         self._text.write(self._written(lines).tobytes())
 
-    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:
+    def paint(self, picture: moderngl.Texture, gaze_state: GazeState) -> None:
         """Draw the picture, and over it the overlay where it is on."""
         self._painter.clear()
         self._painter.image(picture, self._corner)
         if self.overlay:
-            self._gaze.value = look.gaze_px
+            self._gaze.value = gaze_state.gaze_px
             self._painter.over(self._over)
             self._painter.image(self._text, (0, 0))
         self._painter.finish()

@@ -122,22 +122,24 @@ class Faulty:
     def __getattr__(self, name):
         return getattr(self._renderer, name)
 
-    def draw(self, look):
+    def draw(self, gaze_state):
         before = self._before
-        self._before, self._drawn = look, self._drawn + 1
+        self._before, self._drawn = gaze_state, self._drawn + 1
         if self._drawn > 4:
             match self._fault:
                 case "wrong gaze":
-                    look = look._replace(gaze_px=(look.gaze_px[0] + 1 / STEPS_PER_PX, 0.0))
+                    gaze_state = gaze_state._replace(
+                        gaze_px=(gaze_state.gaze_px[0] + 1 / STEPS_PER_PX, 0.0)
+                    )
                 case "wrong field":
-                    look = look._replace(field_px=(look.field_px[0] + 4, 10.0))
+                    gaze_state = gaze_state._replace(field_px=(gaze_state.field_px[0] + 4, 10.0))
                 case "old gaze":
-                    look = before
+                    gaze_state = before
                 case "wrong seed":
-                    look = look._replace(seed=look.seed + 1)
+                    gaze_state = gaze_state._replace(seed=gaze_state.seed + 1)
                 case "stale texture":
                     return self._last
-        self._last = self._renderer.draw(look)
+        self._last = self._renderer.draw(gaze_state)
         return self._last
 
 
@@ -178,7 +180,7 @@ def test_a_log_draws_its_frames_again_bit_for_bit_with_other_passes(shown_to):
     log = read_log(path)
     flips = [line for line in log.lines if isinstance(line, LiveFlip)]
     assert [flip.n for flip in flips if flip.pixels] == [0, 5]
-    assert all(flip.look.gaze_px == on_grid(flip.look.gaze_px) for flip in flips)
+    assert all(flip.gaze_state.gaze_px == on_grid(flip.gaze_state.gaze_px) for flip in flips)
     assert log.notes == ()
 
     _, again = shown_to("none")
@@ -347,12 +349,12 @@ def test_only_what_the_gpu_draws_can_be_live(gl_context, frames):
 def test_a_look_is_all_that_a_frame_depends_on(gl_context, frames):
     source = read_source(frames, PictureReading(), panorama=False)
     renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("warped-metamer"))
-    look = GazeState((30.0, 20.0), (31.0, 22.0), 3)
+    gaze_state = GazeState((30.0, 20.0), (31.0, 22.0), 3)
 
     def drawn():
-        renderer.prepare(look.seed)
+        renderer.prepare(gaze_state.seed)
         renderer.hold(LiveView(2))
-        return read_back(renderer.draw(look)).copy()
+        return read_back(renderer.draw(gaze_state)).copy()
 
     first = drawn()
     renderer.hold(LiveView(4))
@@ -422,7 +424,7 @@ def test_only_frames_that_fall_into_a_saccades_window_change_and_the_log_tells_s
     show, renderer = shown
     flips, pixels, loop, log = show("during-saccades")
 
-    moved = [b.number for a, b in pairwise(flips) if a.look != b.look]
+    moved = [b.number for a, b in pairwise(flips) if a.gaze_state != b.gaze_state]
     differ = [k for k in range(1, len(pixels)) if not np.array_equal(pixels[k - 1], pixels[k])]
     assert moved == differ
     assert 3 <= len(moved) <= math.ceil((LONG_S + SUPPRESSED_AFTER_S) * HZ)
@@ -430,7 +432,7 @@ def test_only_frames_that_fall_into_a_saccades_window_change_and_the_log_tells_s
     assert saccade.onset_s == pytest.approx(ONSET_S, abs=0.012)
     assert saccade.offset_s == pytest.approx(ONSET_S + LONG_S, abs=0.012)
     # The eye has landed: the picture is where it is.
-    assert flips[-1].look.gaze_px[0] == pytest.approx(20 + 4 * 0.8 + 40, abs=0.3)
+    assert flips[-1].gaze_state.gaze_px[0] == pytest.approx(20 + 4 * 0.8 + 40, abs=0.3)
 
     lines = [line for line in log.lines if isinstance(line, LiveFlip)]
     assert [line.n for line in lines if line.suppressed] == moved
@@ -450,7 +452,10 @@ def test_only_frames_that_fall_into_a_saccades_window_change_and_the_log_tells_s
 def test_without_the_option_each_frame_follows_and_the_log_still_names_the_saccade(shown):
     flips, _, loop, log = shown[0]("always")
 
-    assert sum(a.look.gaze_px != b.look.gaze_px for a, b in pairwise(flips)) > len(flips) / 2
+    assert (
+        sum(a.gaze_state.gaze_px != b.gaze_state.gaze_px for a, b in pairwise(flips))
+        > len(flips) / 2
+    )
     assert sum(isinstance(line, LiveSaccade) for line in log.lines) == 1
     assert 3 <= sum(flip.suppressed for flip in flips) <= 8
     assert loop.latency.summary().frames == len(flips)
@@ -474,7 +479,7 @@ def test_when_the_source_is_mute_in_a_saccade_the_window_ends_all_the_same():
     assert any(flip.suppressed for flip in flips)
     late = [flip for flip in flips if flip.t_s > ONSET_S + 0.03 + SUPPRESSED_AFTER_S]
     assert not any(flip.suppressed for flip in late)
-    assert all(math.isnan(flip.look.gaze_px[0]) for flip in late)  # the renderer holds
+    assert all(math.isnan(flip.gaze_state.gaze_px[0]) for flip in late)  # the renderer holds
 
 
 def test_a_log_of_a_program_that_was_killed_before_its_first_flip_holds_nothing_wrong(tmp_path):

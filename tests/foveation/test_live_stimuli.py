@@ -112,9 +112,9 @@ class Stage(VirtualStage):
         super().__init__(*given, **more)
         self.frames = []
 
-    def paint(self, picture, look):
+    def paint(self, picture, gaze_state):
         if picture is not None:
-            self.frames.append((look, np.asarray(read_back(picture)[..., :3])))
+            self.frames.append((gaze_state, np.asarray(read_back(picture)[..., :3])))
         self._clock.move_to(self._clock() + (1 - SPARE_SHARE) / HZ)
 
 
@@ -216,9 +216,9 @@ def test_a_replayed_recording_shows_in_a_trial_the_frames_that_foveate_writes(
     )  # fmt: skip
     assert {row["eye"] for row in rows} == {"found", "lost"}
     assert len({row["field_x_px"] for row in rows}) > 1
-    for path, (look, pixels) in zip(written, shown, strict=True):
+    for path, (gaze_state, pixels) in zip(written, shown, strict=True):
         eight = np.rint(255 * pixels).astype(np.uint8)
-        np.testing.assert_array_equal(np.asarray(Image.open(path)), eight, f"{path} {look}")
+        np.testing.assert_array_equal(np.asarray(Image.open(path)), eight, f"{path} {gaze_state}")
 
 
 class Faulty:
@@ -231,23 +231,25 @@ class Faulty:
     def __getattr__(self, name):
         return getattr(self._renderer, name)
 
-    def draw(self, look):
+    def draw(self, gaze_state):
         before = self._before
-        self._before, self._drawn = look, self._drawn + 1
+        self._before, self._drawn = gaze_state, self._drawn + 1
         if self._drawn > 4:
             match self._fault:
                 case "wrong gaze":
-                    look = look._replace(gaze_px=(look.gaze_px[0] + 1 / STEPS_PER_PX, 0.0))
+                    gaze_state = gaze_state._replace(
+                        gaze_px=(gaze_state.gaze_px[0] + 1 / STEPS_PER_PX, 0.0)
+                    )
                 case "wrong field":
-                    look = look._replace(field_px=(look.field_px[0] + 4, 10.0))
+                    gaze_state = gaze_state._replace(field_px=(gaze_state.field_px[0] + 4, 10.0))
                 case "old gaze":
-                    look = before
+                    gaze_state = before
                 case "wrong seed":
-                    self._renderer.prepare(look.seed + 1)
-                    look = look._replace(seed=look.seed + 1)
+                    self._renderer.prepare(gaze_state.seed + 1)
+                    gaze_state = gaze_state._replace(seed=gaze_state.seed + 1)
                 case "stale texture":
                     return self._last
-        self._last = self._renderer.draw(look)
+        self._last = self._renderer.draw(gaze_state)
         return self._last
 
 
@@ -444,7 +446,7 @@ def looks_of(taken, rows, display):
     )  # fmt: skip
     loop.begin(begin_s, None)
     unseen = NullRenderer(0, SimpleNamespace(centre_px=(0.0, 0.0)), None)
-    return [loop.step(unseen, LiveView(), 0)[0].look.gaze_px for _ in rows]
+    return [loop.step(unseen, LiveView(), 0)[0].gaze_state.gaze_px for _ in rows]
 
 
 class Played:

@@ -24,7 +24,7 @@ class VirtualScreen:
         """Move the clock."""
         self._clock.move_to(t_s)
 
-    def paint(self, picture: moderngl.Texture, look: GazeState) -> None:  # noqa: ARG002
+    def paint(self, picture: moderngl.Texture, gaze_state: GazeState) -> None:  # noqa: ARG002
         """Take as long as drawing does."""
         self._clock.move_to(self._clock() + self._cost_s)
 

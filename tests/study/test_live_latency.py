@@ -116,7 +116,7 @@ def test_latency_is_that_of_the_newest_sample_that_had_arrived(rate_hz, fault, r
             continue
         # The place says which sample is shown: x is its stamp.
         assert flip.age_s == pytest.approx(age, abs=1e-3)
-        assert flip.look.gaze_px[0] - 100 == pytest.approx(flip.t_s - age, abs=1 / 16)
+        assert flip.gaze_state.gaze_px[0] - 100 == pytest.approx(flip.t_s - age, abs=1 / 16)
         old = flip.poll_s - (flip.t_s - age) > SILENT_S
         assert flip.eye == ("silent" if old else "found")
         silent += old
@@ -168,7 +168,7 @@ def test_while_the_eye_is_lost_the_last_gaze_is_held_and_none_is_counted_as_fres
     held = [flip for flip in flips if flip.eye == "lost"]
 
     assert len(held) == 12
-    assert all(math.isnan(flip.look.gaze_px[0]) for flip in held)  # the renderer holds
+    assert all(math.isnan(flip.gaze_state.gaze_px[0]) for flip in held)  # the renderer holds
     assert held[-1].age_s == pytest.approx(0.2, abs=0.02)
     assert loop.latency.summary().frames == len(flips) - 12
 

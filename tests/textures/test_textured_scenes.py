@@ -43,12 +43,12 @@ def renderer(gl_context, baked):
 def test_the_shader_draws_what_numpy_says(renderer, baked):
     """Both read the same fragments. Half a step of 8 bits: sRGB there and back, in float32."""
     noise = surface_noise(0, baked.layout)
-    for look, foveated in (("reference", False), ("blur", True), ("metamer", True)):
+    for condition, foveated in (("reference", False), ("blur", True), ("metamer", True)):
         fragments, shown = renderer.fragments(BARE, GAZE_PX, foveated=foveated)
         assert shown.mean() > 0.6
-        drawn = renderer.picture(BARE, look, GAZE_PX)[shown]
+        drawn = renderer.picture(BARE, condition, GAZE_PX)[shown]
         twin = shade(baked, fragments.where(shown[None][0]), noise)
-        wanted = twin.base + (twin.noise if look == "metamer" else 0)
+        wanted = twin.base + (twin.noise if condition == "metamer" else 0)
         np.testing.assert_allclose(drawn, wanted.clip(0, 1), atol=0.5 / 255)
         assert (abs(twin.noise).max() > 0.05) == foveated
 
@@ -82,7 +82,8 @@ def test_noise_stays_on_a_planet_that_turns(renderer):
     for turn_deg in (0.0, 6.0):
         fragments, shown = renderer.fragments(BARE, GAZE_PX, foveated=True, turn_deg=turn_deg)
         metamer, blur = (
-            renderer.picture(BARE, look, GAZE_PX, turn_deg=turn_deg) for look in ("metamer", "blur")
+            renderer.picture(BARE, condition, GAZE_PX, turn_deg=turn_deg)
+            for condition in ("metamer", "blur")
         )
         inner = shown & (np.hypot(*(np.indices(shown.shape) - EDGE_PX / 2)) < 0.3 * EDGE_PX)
         found.append((fragments.place_px, (metamer - blur)[..., 1], inner))

@@ -389,11 +389,11 @@ class _Showing:
         from study_app.live.renderer import GazeState, LiveView
 
         middle = self._renderer.geometry.centre_px
-        look = GazeState(middle, middle, self._seed)
+        gaze_state = GazeState(middle, middle, self._seed)
         self._renderer.prepare(self._seed)
         for _ in range(2):
             self._renderer.hold(LiveView())
-            self._screen.paint(self._renderer.draw(look), look)
+            self._screen.paint(self._renderer.draw(gaze_state), gaze_state)
             self._screen.flip()
 
     @contextmanager

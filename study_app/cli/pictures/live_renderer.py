@@ -191,8 +191,8 @@ class FoveatingRenderer:
             upload(self._picture, self.source.frames[view.frame])
             self._frame = view.frame
         if self._turned is not None:
-            look, seen, shift = self._turned
-            look(self._picture, seen, shift, right_deg=view.right_deg, down_deg=view.down_deg)
+            turn, seen, shift = self._turned
+            turn(self._picture, seen, shift, right_deg=view.right_deg, down_deg=view.down_deg)
         if self._foveator is not None and self._foveator.passes is not None:
             self._foveator.passes.hold(self._seen)
         self._view = view
@@ -211,19 +211,19 @@ class FoveatingRenderer:
             self._steady = self._steady.after(eye_px, elapsed_s)
         return self._steady.eye_px, self._steady.field_px or self._steady.eye_px
 
-    def draw(self, look: GazeState) -> moderngl.Texture:
+    def draw(self, gaze_state: GazeState) -> moderngl.Texture:
         """Show what is held."""
         if self._foveator is None or self._foveator.passes is None:
             return self._seen
         self._foveator.passes.show(
-            self._target, look.gaze_px, seed=look.seed, field_gaze_px=look.field_px,
-            noise_shift_px=self._shift_px,
+            self._target, gaze_state.gaze_px, seed=gaze_state.seed,
+            field_gaze_px=gaze_state.field_px, noise_shift_px=self._shift_px,
         )  # fmt: skip
         if self._cut is None or self._cutting is None:
             return self._target
         cut, target = self._cutting
         cut(
-            self._target, self._seen, target, look.gaze_px,
+            self._target, self._seen, target, gaze_state.gaze_px,
             angle_deg=self._cut.angle_deg, ramp_deg=self._cut.ramp_deg,
         )  # fmt: skip
         return target

@@ -81,8 +81,8 @@ class PairOptions:
     amount: float = 1.0
     """Share of the way to move: 1 is the right camera, 0.5 half way."""
     to_left: bool = False
-    """From the right camera to the left: SOURCE and --disparity are the right image's, --right is
-    the left image."""
+    """Warp from the right camera to the left: SOURCE and --disparity are the right image's, --right
+    is the left image."""
     unknown: tuple[float, ...] | None = None  # no option here: given once for both kinds
 
 

@@ -302,11 +302,11 @@ def _write_live_log(path: Path) -> None:
     )
     log.next_kept = 3
     latency = Latency()
-    look = GazeState((3.0625, 4.5), (3.0, 4.5), 5)
+    gaze_state = GazeState((3.0625, 4.5), (3.0, 4.5), 5)
     for n in range(3):
         t_s = 10 + n / 60
         flip = DrawnFlip(
-            n, t_s, t_s - 0.01, t_s - 0.004, int(n > 0), LiveView(), look, "found", t_s - 0.02
+            n, t_s, t_s - 0.01, t_s - 0.004, int(n > 0), LiveView(), gaze_state, "found", t_s - 0.02
         )
         latency.add(flip.eye, flip.age_s)
         log.flip(flip, None)
