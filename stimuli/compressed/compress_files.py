@@ -75,6 +75,7 @@ def compress_file(
     tell(f"{len(frames)} x {width} x {height} px" if len(frames) > 1 else f"{width} x {height} px")
     tell(looking.words)
     tell(gaze_words(gaze_px, looking.geometry))
+    reporter.progress("compressing", 0, 0)
     found = compress(frames, gaze_px, settings)
     data = compressed_file.to_bytes(found)
     whole = 3 * width * height * len(frames)
@@ -86,6 +87,7 @@ def compress_file(
         tell(f"note: the best quality takes less than was asked for{more}")
     if compare is not None:
         picture, geometry = frames[0], looking.geometry
+        reporter.progress("comparing", 0, 0)
         beside = rivals(
             picture, gaze_px, len(data), replace(settings, angles=found.grid.rows_per_turn)
         )

@@ -12,7 +12,9 @@ from typer.testing import CliRunner
 from pipeline.compression import compressed_file
 from pipeline.compression.codec import CompressionSettings, compress, decompress
 from pipeline.errors import InputError
+from stimuli.compressed.compress_files import compress_file
 from stimuli.media.video import unpacked_video, write_video
+from stimuli.reporter import Reporter
 from study_app.cli import app
 
 
@@ -150,6 +152,17 @@ def test_commands_make_a_file_and_a_picture(tmp_path, png, picture):
         wanted = decompress(compressed_file.read_compressed(file), seed=4)
         assert shown.shape == picture.shape
         assert np.abs(shown - wanted).max() <= 1.01 / 255
+
+
+def test_work_that_takes_long_is_named_while_it_goes_on(tmp_path, png):
+    told = []
+    reporter = Reporter(told.append, lambda name, done, total: told.append((name, done, total)))
+
+    compress_file(png, tmp_path / "a.metamer", compare=tmp_path / "s.png", reporter=reporter)
+
+    named = [index for index, line in enumerate(told) if isinstance(line, tuple)]
+    assert [told[index][0] for index in named] == ["compressing", "comparing"]
+    assert "sharp up to" in told[named[0] + 1]
 
 
 def test_what_a_size_leaves_unused_is_said(tmp_path, png):
