@@ -3,7 +3,7 @@
 import importlib
 import sys
 
-# name: what it measures. Each is a module of this folder with `main(argv) -> status`.
+# name: what it measures. Each is a module of this folder, or of fits/, with `main(argv) -> status`.
 BENCHMARKS = {
     "fill": "every fill method and the warp: time, memory, passes, ratio to push-pull",
     "gpu": "what a frame takes of the GPU, pass by pass, and of its host",
@@ -48,7 +48,8 @@ def main(argv: list[str]) -> int:
     if name is not None and name not in BENCHMARKS:
         print(f"error: NAME must be one of {', '.join(BENCHMARKS)} (got {name!r})", file=sys.stderr)
         return 2
-    module = importlib.import_module(f"benchmarks.{name or 'fill'}")
+    folder = "fits." if name and name.startswith("fit_") else ""
+    module = importlib.import_module(f"benchmarks.{folder}{name or 'fill'}")
     return int(module.main(argv[1:] if name else argv) or 0)
 
 

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
-from benchmarks import colour_edges
-from benchmarks.output import PagePart, file_to_write, write_record
 from benchmarks.paper import Row, View, fovvideovdp, photographs, rendered
 from benchmarks.pictures import most_holes
+from benchmarks.shared import colour_edges
+from benchmarks.shared.output import PagePart, file_to_write, write_record
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
 from pipeline.inpaint import reference as inpaint

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import spearmanr
 
-from benchmarks.estimates import of_posterior, of_reversals
-from benchmarks.machine import processor
-from benchmarks.output import file_to_write, write_record
+from benchmarks.shared.estimates import of_posterior, of_reversals
+from benchmarks.shared.machine import processor
+from benchmarks.shared.output import file_to_write, write_record
 from protocols.adaptive import active_pairs, quest_plus, up_down
 from protocols.adaptive.psychometric_function import probability, slope_of
 from protocols.adaptive.quest_plus import Axis, Grid

@@ -49,8 +49,8 @@ from analysis.plans.preference_plan import from_protocol
 from analysis.power import power
 from analysis.simulations import Choices, mean_logit
 from analysis.tasks import analysis_of
-from benchmarks.machine import processor
-from benchmarks.output import file_to_write, write_record
+from benchmarks.shared.machine import processor
+from benchmarks.shared.output import file_to_write, write_record
 from protocols.load import load_protocol
 from protocols.revision import code_revision
 

@@ -22,8 +22,8 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.foveate_quality import cut, jod_of
-from benchmarks.machine import conditions
-from benchmarks.output import PagePart, file_to_write, write_record
+from benchmarks.shared.machine import conditions
+from benchmarks.shared.output import PagePart, file_to_write, write_record
 from pipeline.compression.codec import DEFAULT_ANGLES, CompressionSettings, compress
 from pipeline.compression.gpu import DecompressPass
 from pipeline.foveation.geometry import Flat

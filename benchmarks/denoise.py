@@ -32,8 +32,8 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.foveate_quality import jod_of
-from benchmarks.machine import conditions
-from benchmarks.output import file_to_write
+from benchmarks.shared.machine import conditions
+from benchmarks.shared.output import file_to_write
 from pipeline.colour import decode_srgb, encode_srgb, ycbcr_from_rgb
 from pipeline.denoising.maps import MomentMaps, maps_of, metamer_of
 from pipeline.denoising.network import DenoisingNetwork, shipped_network

@@ -25,9 +25,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.copying import Copy
-from benchmarks.dispatches import dispatches_of
-from benchmarks.output import PagePart, file_to_write, write_record
+from benchmarks.shared.copying import Copy
+from benchmarks.shared.dispatches import dispatches_of
+from benchmarks.shared.output import PagePart, file_to_write, write_record
 from benchmarks.warp import discs_over_ground
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures

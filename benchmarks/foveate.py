@@ -23,14 +23,14 @@ import moderngl
 import numpy as np
 from rich.console import Console
 
-from benchmarks import foveate_report as report
-from benchmarks import machine
-from benchmarks.copying import Copy
-from benchmarks.dispatches import dispatches_of
-from benchmarks.foveate_report import Line
-from benchmarks.frame_cost import time_passes
-from benchmarks.odak_library import perception
-from benchmarks.output import PagePart, file_to_write, write_record
+from benchmarks.shared import foveate_report as report
+from benchmarks.shared import machine
+from benchmarks.shared.copying import Copy
+from benchmarks.shared.dispatches import dispatches_of
+from benchmarks.shared.foveate_report import Line
+from benchmarks.shared.frame_cost import time_passes
+from benchmarks.shared.odak_library import perception
+from benchmarks.shared.output import PagePart, file_to_write, write_record
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import FoveationPass

@@ -2,8 +2,8 @@
 
 The table that Beyond Blur (section 4) leaves to others. Our metamer with 1 to 6 levels, on the GPU;
 then metamers as printed from pyramids of other bands, orientations and kernels, in numpy
-(`benchmarks.pyramid_banks`); then the authors' library with 1 to 6 orientations, with its own
-pools, where odak is installed. Quality is the mean over pictures of the statistics distance
+(`benchmarks.shared.pyramid_banks`); then the authors' library with 1 to 6 orientations, with its
+own pools, where odak is installed. Quality is the mean over pictures of the statistics distance
 (`stimuli.score.statistics`, built from our bands, so it leans to them), the extremes of the ratios
 of band deviations, and FovVideoVDP, foveated, where the extra `metrics` is installed.
 """
@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import machine
 from benchmarks.foveate import picture as any_picture
 from benchmarks.foveate_quality import band_ratios, jod_of, pictures
-from benchmarks.foveate_report import milliseconds, number
-from benchmarks.odak_library import gen_metamer, perception
-from benchmarks.output import PagePart, file_to_write, write_record
-from benchmarks.pyramid_banks import (
+from benchmarks.shared import machine
+from benchmarks.shared.foveate_report import milliseconds, number
+from benchmarks.shared.odak_library import gen_metamer, perception
+from benchmarks.shared.output import PagePart, file_to_write, write_record
+from benchmarks.shared.pyramid_banks import (
     Bank,
     haar,
     laplacian,

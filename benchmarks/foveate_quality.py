@@ -32,9 +32,9 @@ from rich.console import Console
 from rich.table import Table
 from skimage import data
 
-from benchmarks.hard_pictures import night, text_page
-from benchmarks.odak_library import WIDTH_DEG, gen_metamer, perception
-from benchmarks.output import file_to_write, write_record
+from benchmarks.shared.hard_pictures import night, text_page
+from benchmarks.shared.odak_library import WIDTH_DEG, gen_metamer, perception
+from benchmarks.shared.output import file_to_write, write_record
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
 from pipeline.foveation.conditions import Foveator

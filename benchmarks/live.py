@@ -18,8 +18,8 @@ import moderngl
 import numpy as np
 from skimage import data
 
-from benchmarks.machine import load_average
-from benchmarks.output import file_to_write, write_record
+from benchmarks.shared.machine import load_average
+from benchmarks.shared.output import file_to_write, write_record
 from pipeline.foveation.conditions import LIVE
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import describe, lent_context

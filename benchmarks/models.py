@@ -34,7 +34,7 @@ from analysis.models.paired.joint_tests import joint_tests
 from analysis.models.psychometric import CurveForm, sigmoid
 from analysis.models.second_factor import jod_interactions, share_interactions
 from analysis.models.thresholds import fit_thresholds
-from benchmarks.output import file_to_write, write_record
+from benchmarks.shared.output import file_to_write, write_record
 from protocols.revision import code_revision
 
 Floats = NDArray[np.float64]

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from benchmarks.output import PagePart, file_to_write, write_record
 from benchmarks.quality import pairs, warped_pair
+from benchmarks.shared.output import PagePart, file_to_write, write_record
 from benchmarks.thin import DIRECTIONS, SCENE_SEED
 from pipeline.camera import flow_between
 from pipeline.frame import SourceFrame, WarpedFrame

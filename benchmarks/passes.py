@@ -1,7 +1,7 @@
 """Time of a fill, pass by pass: `script/bench passes --help`.
 
-`benchmarks.frame_cost` says how passes are timed. Their sum is less than a fill takes, which also
-waits for the host.
+`benchmarks.shared.frame_cost` says how passes are timed. Their sum is less than a fill takes, which
+also waits for the host.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.fill import MASKS, ON_GPU, TimedFrame
-from benchmarks.frame_cost import FrameCost, frame_cost
+from benchmarks.shared.frame_cost import FrameCost, frame_cost
 from pipeline.gl.context import create_context, describe, release_context
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import moderngl
 
-from benchmarks.output import PagePart, file_to_write, write_record
+from benchmarks.shared.output import PagePart, file_to_write, write_record
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import METHODS

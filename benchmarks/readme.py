@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.output import PagePart
+from benchmarks.shared.output import PagePart
 
 PART = PagePart("measured")
 ROOT = Path(__file__).resolve().parents[1]

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.output import PagePart, file_to_write
+from benchmarks.shared.output import PagePart, file_to_write
 from pipeline.colour import YCBCR_FROM_RGB
 from protocols.load import load_display, shipped
 from protocols.study_file.schema import StudyProtocol

@@ -15,7 +15,7 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from benchmarks.output import file_to_write, write_record
+from benchmarks.shared.output import file_to_write, write_record
 from protocols.journal import Note
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol

@@ -23,7 +23,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.output import PagePart, file_to_write, write_record
+from benchmarks.shared.output import PagePart, file_to_write, write_record
 from pipeline.features.reference import analyse, spoiled_levels
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context

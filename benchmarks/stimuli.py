@@ -24,8 +24,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.output import PagePart
-from benchmarks.stimuli_report import Findings, Ratio, Speed
+from benchmarks.shared.output import PagePart
+from benchmarks.shared.stimuli_report import Findings, Ratio, Speed
 
 if TYPE_CHECKING:
     from protocols.recipes.warped_clips import ClipName

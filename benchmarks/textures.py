@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy.interpolate import griddata
 
-from benchmarks.machine import conditions
-from benchmarks.output import file_to_write, write_record
+from benchmarks.shared.machine import conditions
+from benchmarks.shared.output import file_to_write, write_record
 from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import make_pooling

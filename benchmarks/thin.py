@@ -16,7 +16,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.output import PagePart, file_to_write, write_record
+from benchmarks.shared.output import PagePart, file_to_write, write_record
 from pipeline.camera import flow_between
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from rich.progress import track
 from scipy import ndimage
 
-from benchmarks.output import file_to_write, write_record
 from benchmarks.quality import pairs, warped_pair
+from benchmarks.shared.output import file_to_write, write_record
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.metameric import Metameric

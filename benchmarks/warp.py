@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import moderngl
 import numpy as np
 
-from benchmarks.copying import Copy
-from benchmarks.dispatches import dispatches_of
+from benchmarks.shared.copying import Copy
+from benchmarks.shared.dispatches import dispatches_of
 from pipeline.frame import SourceFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import create_context, describe, release_context

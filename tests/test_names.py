@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from fnmatch import fnmatch
 from pathlib import Path
@@ -89,6 +89,17 @@ def test_every_exception_is_still_needed_and_none_was_added(sources):
         for pattern in allowed:
             assert any(fnmatch(path, pattern) for path in places[name]), f"{name}: {pattern}"
     assert len(EXCEPTIONS) == MOST_EXCEPTIONS <= 10
+
+
+def test_no_folder_has_more_files_than_can_be_seen_at_once(repository):
+    files = Counter(
+        path.parent.relative_to(repository).as_posix()
+        for top in (*PRODUCTION, "benchmarks", "script", "tests")
+        for path in (repository / top).rglob("*.py")
+    )
+
+    assert files["benchmarks"] > 20
+    assert {folder: many for folder, many in files.items() if many > 30} == {}
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ class Pyramid:
 
 @lru_cache(maxsize=1)
 def fitted_kernels() -> Kernels:
-    """The kernels that `benchmarks/fit_kernels.py` wrote."""
+    """The kernels that `benchmarks/fits/fit_kernels.py` wrote."""
     text = resources.files("pipeline.features").joinpath("kernels.json").read_text("utf-8")
     record = json.loads(text)
     return Kernels(*(np.array(record[name]) for name in ("high", "oriented", "low")))

@@ -1,4 +1,4 @@
-"""Mixing of noise bands before they are weighed: what `benchmarks/fit_mixing.py` found.
+"""Mixing of noise bands before they are weighed: what `benchmarks/fits/fit_mixing.py` found.
 
 One matrix suits no two spectra alike: see gains.py for what corrects the rest.
 """
@@ -37,7 +37,7 @@ class Mixing:
 
 @lru_cache(maxsize=6)
 def fitted_mixing(levels: int) -> Mixing:
-    """The mixing that `benchmarks/fit_mixing.py` wrote.
+    """The mixing that `benchmarks/fits/fit_mixing.py` wrote.
 
     Raises
     ------

@@ -105,7 +105,7 @@ def _tile(seed: int, columns: int) -> Bytes:
 
 @lru_cache(maxsize=1)
 def fitted_overlap() -> Floats:
-    """Overlap of bands that `benchmarks/fit_overlap.py` wrote: (STAGES, 2 * REACH + 1, 3, 3).
+    """Overlap of bands that `benchmarks/fits/fit_overlap.py` wrote: (STAGES, 2 * REACH + 1, 3, 3).
 
     ``[j, REACH + d, b, c]``: the variance that band b of a level measures of unit noise in band c
     of the level that is d coarser, where pixels are j halvings finer than the level: what a pyramid

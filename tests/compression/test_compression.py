@@ -5,7 +5,7 @@ import pytest
 from skimage import data
 
 from benchmarks.compress import Result, markdown
-from benchmarks.dispatches import dispatches_of
+from benchmarks.shared.dispatches import dispatches_of
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.compression import compressed_file, image_codecs
 from pipeline.compression.atlas import atlas_shape, pack, unpack

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from scipy.stats import norm
 from skimage import data
 
-from benchmarks.hard_pictures import (
+from benchmarks.shared.hard_pictures import (
     coloured_lines,
     hues,
     line_art,

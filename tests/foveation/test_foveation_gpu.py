@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from skimage import data
 
-from benchmarks.dispatches import dispatches_of
+from benchmarks.shared.dispatches import dispatches_of
 from pipeline.errors import InputError
 from pipeline.foveation.bounded import STEEPEST
 from pipeline.foveation.conditions import Foveator, foveate

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from skimage import data
 
-from benchmarks.fit_kernels import Fit, round_trip_psnr_db
+from benchmarks.fits.fit_kernels import Fit, round_trip_psnr_db
 from pipeline.errors import InputError
 from pipeline.features.reference import (
     MAX_LEVELS,

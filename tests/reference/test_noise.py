@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from benchmarks.fit_mixing import SPECTRA, deviations_of
+from benchmarks.fits.fit_mixing import SPECTRA, deviations_of
 from pipeline.features.reference import analyse, band, double, fitted_kernels
 from pipeline.noise import tile
 from pipeline.noise.gains import (

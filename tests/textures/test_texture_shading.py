@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.fit_overlap import measured
+from benchmarks.fits.fit_overlap import measured
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
 from pipeline.textures.bake import bake

@@ -4,7 +4,7 @@ import moderngl
 import numpy as np
 import pytest
 
-from benchmarks.dispatches import dispatches_of
+from benchmarks.shared.dispatches import dispatches_of
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures

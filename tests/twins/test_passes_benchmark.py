@@ -5,9 +5,9 @@ from collections import Counter
 import moderngl
 import pytest
 
-from benchmarks.dispatches import dispatches_of, timed_dispatches
 from benchmarks.fill import TimedFrame
-from benchmarks.frame_cost import frame_cost
+from benchmarks.shared.dispatches import dispatches_of, timed_dispatches
+from benchmarks.shared.frame_cost import frame_cost
 
 
 @pytest.mark.parametrize("method", ["metameric", "push-pull"])

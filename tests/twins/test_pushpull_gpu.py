@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.dispatches import dispatches_of
+from benchmarks.shared.dispatches import dispatches_of
 from pipeline.errors import InputError
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.pushpull.gpu import PushPullPass, coarser_sizes

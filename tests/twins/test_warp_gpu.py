@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from benchmarks.dispatches import dispatches_of
+from benchmarks.shared.dispatches import dispatches_of
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame

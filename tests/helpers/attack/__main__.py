@@ -27,7 +27,7 @@ from built_study import write_small_study
 from rich.console import Console
 from rich.progress import Progress
 
-from benchmarks.output import PagePart
+from benchmarks.shared.output import PagePart
 from protocols.revision import code_revision
 
 PAGE_PART = PagePart("attack")

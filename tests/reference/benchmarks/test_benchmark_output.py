@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from benchmarks.output import PagePart, write_record
+from benchmarks.shared.output import PagePart, write_record
 
 
 @pytest.mark.parametrize(

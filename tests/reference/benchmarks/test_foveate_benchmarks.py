@@ -7,11 +7,18 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks import foveate_bands, foveate_quality, foveate_report, machine
+from benchmarks import foveate_bands, foveate_quality
 from benchmarks.foveate_bands import Row
 from benchmarks.foveate_quality import SPECTRA, noise_picture
-from benchmarks.foveate_report import Line
-from benchmarks.pyramid_banks import haar, laplacian, printed_metamer, small_kernels, steerable
+from benchmarks.shared import foveate_report, machine
+from benchmarks.shared.foveate_report import Line
+from benchmarks.shared.pyramid_banks import (
+    haar,
+    laplacian,
+    printed_metamer,
+    small_kernels,
+    steerable,
+)
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooling import make_pooling

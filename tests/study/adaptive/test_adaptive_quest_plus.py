@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.estimates import Marginal, of_posterior
+from benchmarks.shared.estimates import Marginal, of_posterior
 from protocols.adaptive import quest_plus
 from protocols.adaptive.psychometric_function import probability
 from protocols.adaptive.quest_plus import (

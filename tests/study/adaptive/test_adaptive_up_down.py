@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.estimates import of_reversals
+from benchmarks.shared.estimates import of_reversals
 from protocols.adaptive.up_down import UpDown, next_level, performance, track
 from protocols.errors import StudyError
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import moderngl
 
-from benchmarks.dispatches import nothing_dispatched, timed_dispatches
+from benchmarks.shared.dispatches import nothing_dispatched, timed_dispatches
 from pipeline.gl.context import describe
 from pipeline.gl.timer import measure
 

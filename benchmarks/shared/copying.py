@@ -26,7 +26,7 @@ class Copy:
             "    if (any(greaterThanEqual(pixel, imageSize(target_0)))) return;\n"
             f"{''.join(body)}}}\n"
         )
-        places = (("benchmarks/copying.py", k) for k in range(1, text.count("\n") + 1))
+        places = (("benchmarks/shared/copying.py", k) for k in range(1, text.count("\n") + 1))
         self._shader = Shader.of(ctx, ShaderSource(text, tuple(places)))
 
     def __call__(self, *pairs: tuple[moderngl.Texture, moderngl.Texture]) -> None:
