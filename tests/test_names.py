@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from fnmatch import fnmatch
@@ -100,6 +101,14 @@ def test_no_folder_has_more_files_than_can_be_seen_at_once(repository):
 
     assert files["benchmarks"] > 20
     assert {folder: many for folder, many in files.items() if many > 30} == {}
+
+
+@pytest.mark.parametrize("home", ["analysis/arrays.py", "pipeline/frame.py"])
+def test_an_array_type_has_one_name_in_a_package(sources, home):
+    named = re.compile(r"NDArray\[np\.(float64|int64|bool_)\]")
+    package = {path for path in sources if path.startswith(f"{home.partition('/')[0]}/")}
+
+    assert [path for path in sorted(package) if named.search(sources[path])] == [home]
 
 
 @pytest.mark.parametrize(
