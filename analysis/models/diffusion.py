@@ -11,7 +11,7 @@ from scipy.special import logit
 
 from analysis.models.cells import checked, conditions
 from analysis.models.contrasts import Difference, paired, pairs_of
-from analysis.models.tails import two_sided_quantile
+from analysis.models.metacognition import mean_over_people
 
 NOISE = 0.1
 """Within-trial noise s, as the papers scale it: drift and boundary are in units of it."""
@@ -210,14 +210,8 @@ def _mean(name: str, people: Sequence[PersonDiffusion], level: float) -> MeanDif
     own = [one.fit for one in people if one.condition == name]
     means, lower, upper = {}, {}, {}
     for measure in MEASURES:
-        values = np.array([getattr(fit, measure) for fit in own])
-        values = values[np.isfinite(values)]
-        centre = float(values.mean()) if values.size else math.nan
-        reach = math.nan
-        if values.size > 1:
-            error = float(values.std(ddof=1)) / math.sqrt(values.size)
-            reach = float(two_sided_quantile(level, values.size - 1)) * error
-        means[measure], lower[measure], upper[measure] = centre, centre - reach, centre + reach
+        mean = mean_over_people(np.array([getattr(fit, measure) for fit in own]), level)
+        means[measure], lower[measure], upper[measure] = mean.value, mean.lower, mean.upper
     return MeanDiffusion(name, len(own), means, lower, upper, level)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from analysis.models.tails import two_sided_quantile
+from analysis.models.metacognition import mean_over_people
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,8 @@ def _groups(rows: pd.DataFrame, by: Sequence[str]) -> list[tuple[str, pd.DataFra
 def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:
     times = rows["rt_s"].to_numpy(dtype=np.float64)
     medians = np.log(rows.groupby("participant")["rt_s"].median().to_numpy(dtype=np.float64))
-    centre, notes = float(medians.mean()), []
-    reach = np.nan
-    if medians.size > 1:
-        error = float(medians.std(ddof=1) / np.sqrt(medians.size))
-        reach = float(two_sided_quantile(level, medians.size - 1)) * error
-    else:
-        notes.append("one participant only: no limits")
+    mean = mean_over_people(medians, level)
+    notes = ["one participant only: no limits"] * (medians.size < 2)
     if times.size < 4 * medians.size:
         notes.append("fewer than 4 answers per participant")
     return ReactionTimes(
@@ -81,8 +76,8 @@ def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:
         quartile_low=float(np.quantile(times, 0.25)),
         quartile_high=float(np.quantile(times, 0.75)),
         trimmed_mean=float(scipy.stats.trim_mean(times, 0.1)),
-        mean_of_medians=float(np.exp(centre)),
-        lower=float(np.exp(centre - reach)),
-        upper=float(np.exp(centre + reach)),
+        mean_of_medians=float(np.exp(mean.value)),
+        lower=float(np.exp(mean.lower)),
+        upper=float(np.exp(mean.upper)),
         warnings=tuple(notes),
     )
