@@ -93,7 +93,7 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
                 Paragraph(
                     "Limits: where the profile likelihood falls as far as chi-square (1) allows."
                     " ICC: share of the variance of one answer on the model's scale"
-                    " (intraclass correlation).",
+                    " (intraclass correlation); none where effects differ by condition.",
                     muted=True,
                 ),
                 FigurePlace(name),

@@ -287,7 +287,7 @@ def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
         )
         if size.order is not None:
             yield TableBlock.each(
-                "Order effect: what the one shown first has more, and scores beside it, JOD",
+                "Order effect in favour of the first, and scores beside it, JOD",
                 [size.order],
                 ("First - second", "strong", lambda one: placed(one, one.value)),
                 (level, "n", lambda one: number_range(one.lower, one.upper)),
