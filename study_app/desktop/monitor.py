@@ -27,7 +27,7 @@ def start_glfw() -> None:
     glfw.ERROR_REPORTING = "ignore"
     if not glfw.init():
         raise StudyError(
-            f"a session needs a screen (found none: DISPLAY={os.environ.get('DISPLAY', '')!r});"
+            f"the window needs a screen (found none: DISPLAY={os.environ.get('DISPLAY', '')!r});"
             " start it from the desktop of the machine that the display is connected to"
         )
 

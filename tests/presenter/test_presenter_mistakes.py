@@ -138,7 +138,7 @@ def test_no_screen_is_one_message(make_study, screen):
 
     done = forked.run(*screen.session("run", study), env=blind, timeout=60)
 
-    assert "a session needs a screen (found none: DISPLAY=':987')" in error_of(done)
+    assert "the window needs a screen (found none: DISPLAY=':987')" in error_of(done)
 
 
 @pytest.mark.parametrize("source", ["lsl:nobody-sends-this"])
