@@ -115,4 +115,4 @@ def checked(trials: pd.DataFrame, columns: Sequence[str], by: Sequence[str] = ()
 
 
 def _text(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{value:.15g}" if isinstance(value, float) else str(value)

@@ -58,7 +58,7 @@ def name_of(value: object) -> str:
     """Return a condition's value as text: ``5`` for 5 and for 5.0."""
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:g}" if isinstance(value, int | float) else str(value)
+    return f"{value:.15g}" if isinstance(value, int | float) else str(value)
 
 
 def value_of(condition: Condition, columns: Sequence[str]) -> str:

@@ -14,11 +14,13 @@ from scipy.stats import norm
 from typer.testing import CliRunner, Result
 
 from analysis.guessing import below_guessing, curve_mistake
+from analysis.models.cells import conditions
 from analysis.tables.decisions import read_decisions
 from analysis.tables.rating_table import read_ratings
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times, read_trials
 from protocols.errors import StudyError
+from protocols.tasks.rates import name_of
 from study_app.cli import app
 
 
@@ -305,6 +307,18 @@ def test_detection_by_a_column_called_condition_splits(table):
     assert re.search(r"\n a +16 / 16 +8 / 16", done.output)
     assert re.search(r"\n b +16 / 16 +0 / 16", done.output)
     assert "b minus a" in done.output
+
+
+@pytest.mark.parametrize("kind", [int, float])
+def test_values_of_many_digits_are_conditions_of_their_own(kind):
+    sizes = [kind(size) for size in (20240101, 20240102)]
+    rows = pd.DataFrame({"size": sizes, "method": "ours"})
+
+    assert [name for name, _ in conditions(rows, ["size", "method"])] == [
+        "20240101, ours", "20240102, ours",
+    ]  # fmt: skip
+    assert [name_of(size) for size in sizes] == ["20240101", "20240102"]
+    assert [name_of(size) for size in (5.0, 0.1, 2, True)] == ["5", "0.1", "2", "true"]
 
 
 def test_a_report_compares_a_column_called_condition(table, trials):
