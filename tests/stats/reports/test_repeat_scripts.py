@@ -201,6 +201,29 @@ def test_shares_of_six_scenes_are_repeated_with_their_clustered_t(make_decisions
 
 
 @pytest.mark.slow
+def test_r_finds_errors_of_choices_where_people_and_scenes_differ(tmp_path):
+    """With its usual tolerance lme4's own second derivative is off by 4 % here."""
+    needed_r()
+    rng = np.random.default_rng(25)
+    rows = pd.DataFrame(product(range(9), range(6)), columns=["participant", "scene"])
+    turned = rng.random(len(rows)) < 0.5
+    liked = rows["participant"].map(dict(enumerate(rng.normal(-0.5, 1.0, 9))))
+    liked += rows["scene"].map(dict(enumerate(rng.normal(0.0, 1.0, 6))))
+    ours = rng.random(len(rows)) < 1.0 / (1.0 + np.exp(-liked))
+    first, second, chosen = (
+        np.where(one, "ours", "blur") for one in (turned, ~turned, ours.to_numpy())
+    )
+    rows = rows.assign(first=first, second=second, chosen=chosen, size="all")
+    rows.to_csv(tmp_path / "pair.csv", index=False)
+    with undrawn():
+        report_decisions(tmp_path / "pair.csv", tmp_path / "report", figure_files=False)
+    done = run_r(tmp_path / "report" / "scripts" / "choices.R")
+
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "0 of 4 numbers differ" in done.stdout
+
+
+@pytest.mark.slow
 def test_a_script_runs_by_itself_from_any_folder(report, tmp_path):
     script = report("ratings") / "scripts" / "ratings.py"
     done = subprocess.run(
