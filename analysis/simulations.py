@@ -166,11 +166,7 @@ class Choices(PowerSimulation[PreferencePlan]):
             f"true share {assumed['rate']:g}; deviations {assumed['participant_sd']:g}"
             f" (participants) and {assumed['scene_sd']:g} (scenes) logits, correlated"
             f" {assumed['size_correlation']:g} between sizes"
-            + (
-                f"; {assumed[INTERACTION]:g} more at the last size"
-                if INTERACTION in assumed
-                else ""
-            )
+            + (f"; {assumed[INTERACTION]:+g} at the last size" if INTERACTION in assumed else "")
             + "".join(f", {one.name} {assumed[one.name]:g}" for one in self.timed)
         )
 

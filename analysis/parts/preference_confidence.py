@@ -31,7 +31,7 @@ from analysis.parts.confidence import (
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots.confidence_plots import pairs_plot
 from analysis.report.values import flat_table
-from analysis.report.wording import p_number, share
+from analysis.report.wording import by_how_much, p_number, share
 from protocols.blocks import FigurePlace, Paragraph, TableBlock
 from protocols.tasks.confidence_question import CONFIDENCE
 
@@ -125,7 +125,6 @@ class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence])
         """Return confidence of each pair, and what it goes with."""
         label, steps = plan.label, ", ".join(map("{:g}".format, found.steps))
         named = [(one, f"{label(one.method)} / {label(one.against)}") for one in found.pairs]
-        known = [one for one in found.companions if one.difference is not None]
         return Presentation(
             blocks=(
                 FigurePlace("confidence"),
@@ -161,9 +160,11 @@ class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence])
                     for one in found.pairs
                 ),
                 *(
-                    f"Where {one.what}, confidence was higher by {apa_measure(one.difference)}."
-                    for one in known
-                    if one.difference is not None
+                    f"Where {one.what}, confidence was"
+                    f" {by_how_much(gap, gap.value, 'steps', ('higher', 'lower'))}: difference"
+                    f" {apa_measure(gap)}."
+                    for one in found.companions
+                    if (gap := one.difference) is not None
                 ),
                 *(apa_reliability(one, plan) for one in found.reliability),
             ),

@@ -1,10 +1,10 @@
 """Ordered ratings, or graded comparisons of pairs: a cumulative-link mixed model."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -38,6 +38,7 @@ from analysis.plots.rating_plots import ratings_plot
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.wording import (
     NOT_IDENTIFIED,
+    by_how_much,
     df_text,
     leading,
     level_text,
@@ -49,6 +50,16 @@ from analysis.report.wording import (
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Box, Cautions, FigurePlace, Paragraph, Section, TableBlock
 from protocols.tasks.rates import name_of
+
+T = TypeVar("T", int, float)
+
+EACH_SHOWN = 11
+"""More ratings than so many, as of a slider, are told by quartiles."""
+QUARTILES = {
+    "Lowest": 1e-9, "First quartile": 0.25, "Median": 0.5, "Third quartile": 0.75,
+    "Highest": 1.0 - 1e-9,
+}  # fmt: skip
+"""Columns in place of each rating, and the share of ratings up to there."""
 
 
 @dataclass(frozen=True)
@@ -185,9 +196,11 @@ def apa_rating(one: RatingDifference, model: RatingModel, draws: int = 0) -> str
     """Return a sentence on how much higher one condition is rated."""
     if math.isnan(one.difference):
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
+    apart = by_how_much(one, one.difference, _unit(model), ("above", "below"))
     return (
-        f"{one.first} was rated {placed(one, one.difference)} {_unit(model)} above {one.second},"
-        f" {level_text(one.level)} {number_range(one.lower, one.upper)},"
+        f"{one.first} was rated {apart} {one.second} (difference"
+        f" {placed(one, one.difference)}, {level_text(one.level)}"
+        f" {number_range(one.lower, one.upper)}),"
         f" {apa_test(one, f'cumulative {model.link} mixed model', draws)}; one showing of it"
         f" is rated higher with a chance of {leading(f'{one.superiority:.2f}')}."
     )
@@ -214,7 +227,6 @@ def _methods(found: RatingResults, plan: RatingPlan) -> str:
 
 def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
     pairs, unit = not plan.by, _unit(model)
-    steps = [] if pairs else [(f"{name}", "") for name in model.categories]
     places = TableBlock.of(
         f"Places on the latent axis, {unit} from the first",
         (
@@ -222,8 +234,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
             ("Ratings", ""),
             ("Place", "strong"),
             (plan.limits, "n"),
-            *([] if pairs else [("Mean", "")]),
-            *steps,
+            *([] if pairs else [("Mean", ""), *_steps(model)]),
         ),
         [
             (
@@ -231,8 +242,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
                 str(one.ratings),
                 placed(one, one.place),
                 number_range(one.lower, one.upper),
-                *([] if pairs else [number(one.mean_rating)]),
-                *([] if pairs else map(share, one.shares)),
+                *([] if pairs else [number(one.mean_rating), *_told(model, one.shares, share)]),
             )
             for one in model.conditions
         ],
@@ -260,9 +270,8 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
             " the place in the pair sways the answer."
         )
     else:
-        told += (
-            " Mean: for orientation only, the steps of a scale have no unit; under the ratings"
-            " their shares."
+        told += " Mean: for orientation only, the steps of a scale have no unit; " + (
+            "beside it quartiles." if _many(model) else "under the ratings their shares."
         )
     middle = f"Means on the latent axis, {unit} from the middle of all thresholds"
     return (
@@ -276,12 +285,33 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
     )
 
 
+def _many(model: RatingModel) -> bool:
+    return len(model.categories) > EACH_SHOWN
+
+
+def _steps(model: RatingModel) -> list[tuple[str, str]]:
+    """Return columns of the ratings, or of their quartiles where there are many."""
+    return [(name, "") for name in (QUARTILES if _many(model) else model.categories)]
+
+
+def _told(model: RatingModel, often: Sequence[T], text: Callable[[T], str]) -> list[str]:
+    """Return how often each rating was given, or the quartiles where there are many."""
+    if not _many(model):
+        return [text(one) for one in often]
+    reached = np.cumsum(np.asarray(often, dtype=np.float64))
+    at = np.searchsorted(reached, reached[-1] * np.array(list(QUARTILES.values())))
+    return [model.categories[place] for place in at]
+
+
 def _people(found: RatingResults) -> tuple[Block, ...]:
+    model = found.model
     return (
         TableBlock.of(
-            "Ratings by participant, in numbers",
-            (("Participant", "l"), *((name, "") for name in found.model.categories)),
-            [(who, *map(str, counts)) for who, counts in found.levels.items()],
+            "Ratings by participant, quartiles"
+            if _many(model)
+            else "Ratings by participant, in numbers",
+            (("Participant", "l"), *_steps(model)),
+            [(who, *_told(model, counts, str)) for who, counts in found.levels.items()],
         ),
         Paragraph(
             "People use a scale in their own ways; the model takes a person who rates everything"

@@ -28,7 +28,16 @@ from analysis.models.scaling import Contrast, Scale, contrasts, scale
 from analysis.parts import PartFigure, Presentation, SimplePart, tried
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
-from analysis.report.wording import df_text, leading, number, number_range, p_number, p_text, placed
+from analysis.report.wording import (
+    by_how_much,
+    df_text,
+    leading,
+    number,
+    number_range,
+    p_number,
+    p_text,
+    placed,
+)
 from analysis.seed import SEED
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, TableBlock, grouped
@@ -154,9 +163,10 @@ def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
                 " Holm-adjusted; two-way bootstrap)."
             )
         if (order := size.order) is not None:
+            apart = by_how_much(order, order.value, size.scale.unit, ("more", "less"))
             yield (
-                f"Whatever they were, the one shown first had {placed(order, order.value)}"
-                f" {size.scale.unit} more than the other{plan.at(size.size, ' ({})')}, {level}"
+                f"Whatever they were, the one shown first had {apart} than the other"
+                f"{plan.at(size.size, ' ({})')}: difference {placed(order, order.value)}, {level}"
                 f" {number_range(order.lower, order.upper)}, {p_text(order.p)} (two-way bootstrap)."
             )
 

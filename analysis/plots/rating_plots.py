@@ -18,6 +18,9 @@ from analysis.plots.style import (
     share_axis,
 )
 
+TOLD = 14
+"""Ratings that the legend names at most; of a slider, whose colours run on, these suffice."""
+
 
 def ratings_plot(
     model: RatingModel,
@@ -46,10 +49,13 @@ def ratings_plot(
             name_rows(panel, [one.condition for one in cells], width_in)
         said = f"lines: {limits_text(model.level)}"
         if shares:
-            handles, labels = panels[0].get_legend_handles_labels()
+            bars, names = panels[0].get_legend_handles_labels()
+            told = np.unique(
+                np.linspace(0, len(names) - 1, min(len(names), TOLD)).round().astype(int)
+            )
             figure.legend(
-                handles, labels, loc="outside lower center", ncols=min(len(labels), 7),
-                title=f"Rating (left); {said} (right)",
+                [bars[k] for k in told], [names[k] for k in told], loc="outside lower center",
+                ncols=min(len(told), 7 if width_in > 5 else 5), title=f"Rating (left); {said} (right)",
             )  # fmt: skip
         else:
             explain(figure, said.capitalize(), width_in)

@@ -111,6 +111,14 @@ def placed(one: IntervalEstimate, value: float) -> str:
     return number(value, within=(one.lower, one.upper))
 
 
+def by_how_much(one: IntervalEstimate, value: float, unit: str, words: tuple[str, str]) -> str:
+    """Return a difference with the word of its sign: ``0.19 SD below``.
+
+    `words` are those of more and of less. The limits beside it keep their signs.
+    """
+    return f"{placed(one, abs(value))}{unit and f' {unit}'} {words[value < 0.0]}"
+
+
 def level_text(level: float) -> str:
     """Return the words before limits in a sentence: ``95% CI``."""
     return f"{100 * level:g}% CI"

@@ -67,6 +67,24 @@ REWORDED = (
     (r"= -0\.00\b", "= 0.00"),
     (r" \| (\d+)\.0 \| (?!\[)", r" | \1 | "),  # not of values, which limits follow
     (f"(; )?{WIDTH_OF_LEVELS}", ""),  # is said of fewer curves
+    (
+        r"rated -(\S+) SD above (\S+), (95% CI \[.*?\])",
+        r"rated \1 SD below \2 (difference -\1, \3)",
+    ),
+    (
+        r"rated (\d\S+) SD above (\S+), (95% CI \[.*?\])",
+        r"rated \1 SD above \2 (difference \1, \3)",
+    ),
+    (
+        r"had -(\S+) JOD more than the other( .*?)?,",
+        r"had \1 JOD less than the other\2: difference -\1,",
+    ),
+    (
+        r"had (\d\S+) JOD more than the other( .*?)?,",
+        r"had \1 JOD more than the other\2: difference \1,",
+    ),
+    (r"confidence was higher by -(\S+),", r"confidence was \1 steps lower: difference -\1,"),
+    (r"confidence was higher by (\d\S+),", r"confidence was \1 steps higher: difference \1,"),
 )
 """Patterns of what was said otherwise in sentences and notes, and of what is said today."""
 _COLUMNS = [*enumerate((0, 1, 2, 3, 4, 5, 8, 9, 11, 12, 15, 16, 18, 22, 35))]

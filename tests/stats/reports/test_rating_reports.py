@@ -191,3 +191,27 @@ def test_ratings_of_one_person_are_refused_with_a_cure_that_import_names_too(vot
         made = run("report", decisions, "--out", tmp_path / f"out{people}", "--no-figures")
         assert made.exit_code == status, made.output
         assert (cure in " ".join(made.output.split())) == (people == 1)
+
+
+def test_a_slider_is_told_by_quartiles_and_drawn_whole():
+    rng = np.random.default_rng(2)
+    rows = pd.DataFrame(product(range(6), "AB", range(6)), columns=["participant", "method", "n"])
+    rows["rating"] = rng.permutation(100)[: len(rows)]
+    plan = analysis_of("ratings").settings_of_table(rows, "rows", RatingTableSettings(by="method"))
+    shown = RatingsPart().show(RatingsPart().of(rows, plan), plan)
+    (places,) = (one for one in shown.blocks if "Places" in getattr(one, "caption", ""))
+    people = shown.further[0].blocks[0]
+    own = rows.loc[rows["participant"] == 0, "rating"]
+    quartiles = np.percentile(own, (0, 25, 50, 75, 100), method="inverted_cdf")
+
+    assert places.columns[-5:] == people.columns[1:]
+    assert list(people.rows[0][1:]) == [str(one) for one in quartiles]
+    for width_in in (3.33, 7.0):
+        figure = shown.figures[0].draw(width_in=width_in)
+        figure.draw_without_rendering()
+        (legend,) = figure.legends
+        box = legend.get_window_extent()
+        assert len(legend.get_texts()) <= 14
+        assert box.x0 >= 0.0
+        assert box.x1 <= figure.bbox.x1
+        assert box.y1 <= figure.axes[0].get_window_extent().y0
