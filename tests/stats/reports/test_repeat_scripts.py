@@ -241,6 +241,42 @@ def test_random_effects_are_written_as_lme4_takes_them():
     ]
 
 
+@pytest.mark.slow
+def test_r_says_why_ratings_of_two_scenes_are_not_repeated(report, tmp_path):
+    needed_r()
+    shutil.copytree(report("ratings"), tmp_path / "report")
+    decisions = tmp_path / "report" / "tables" / "decisions.csv"
+    rows = pd.read_csv(decisions)
+    rows[rows["scene"].isin(sorted(rows["scene"].unique())[:2])].to_csv(decisions, index=False)
+    done = run_r(tmp_path / "report" / "scripts" / "ratings.R")
+
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "not repeated: clmm takes no random effect of fewer than three (scene)" in done.stdout
+
+
+@pytest.mark.slow
+def test_statsmodels_finds_limits_of_times_where_a_deviation_is_small(tmp_path, capsys):
+    """Its usual search ends far from the maximum here."""
+    rng = np.random.default_rng([5, 5])
+    for least, most in ((4, 14), (2, 9), (1, 5), (2, 4)):
+        rng.integers(least, most)
+    own, taste, place, fit = (
+        rng.normal(0.0, rng.choice([0.0, 0.3, 0.8]), shape) for shape in (9, (9, 3), 6, (6, 3))
+    )
+    shift = np.linspace(0.0, rng.choice([0.0, 1.0]), 3)
+    who, scene, method, _ = np.array(list(product(range(9), range(6), range(3), range(4)))).T
+    latent = shift[method] + own[who] + taste[who, method] + place[scene] + fit[scene, method]
+    rt_s = np.exp(0.3 * latent + rng.normal(0.0, 0.4, len(latent)))
+    rows = pd.DataFrame({"participant": who, "scene": scene, "method": method, "rt_s": rt_s})
+    rows = rows.assign(method=rows["method"].map({0: "ours", 1: "blur", 2: "none"}))
+    rows.to_csv(tmp_path / "times.csv", index=False)
+    write_note(tmp_path / "times.csv", analysis_of("reaction").options(by="method"))
+    with undrawn():
+        report_decisions(tmp_path / "times.csv", tmp_path / "report", figure_files=False)
+
+    assert status(tmp_path / "report" / "scripts" / "times.py") == 0, capsys.readouterr().out
+
+
 def test_no_name_ends_a_text_of_a_script():
     name = '"); quit() #\n\\\N{GRINNING FACE}'
     (text,) = scripts("ratings", "py", by=[name], link="probit", effects=[]).values()
