@@ -37,13 +37,16 @@ class TrialGrid:
         return {"participant": self.participants, "scene": self.scenes}
 
     def in_conditions(self, condition: Ints) -> dict[str, Ints]:
-        """Return codes (trials,) of `several` in a condition, unless each has one trial there."""
+        """Return codes (trials,) of `several` in a condition.
+
+        Not where each has one trial there, nor where each has one condition (`one_condition`).
+        """
         count = int(condition.max()) + 1
-        found = {name: code * count + condition for name, code in self.several.items()}
         return {
             name + IN_CONDITION: cell
-            for name, cell in found.items()
-            if np.unique(cell).size < len(cell)
+            for name, code in self.several.items()
+            if np.unique(cell := code * count + condition).size < len(cell)
+            and not one_condition(code, condition)
         }
 
     def count(self, values: pd.Series) -> Floats:
@@ -65,6 +68,11 @@ def grid(trials: pd.DataFrame) -> TrialGrid:
         person=person.astype(np.int64),
         scene=place.astype(np.int64),
     )
+
+
+def one_condition(code: Ints, condition: Ints) -> bool:
+    """Return whether each level of a group (trials,) has one condition: no other differs there."""
+    return len(set(zip(code.tolist(), condition.tolist(), strict=True))) == np.unique(code).size
 
 
 def conditions(trials: pd.DataFrame, by: Sequence[str]) -> list[tuple[str, pd.DataFrame]]:

@@ -92,6 +92,10 @@ def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:
     return [(name, reference) for name in known if name != reference]
 
 
+ONE_SIDED = 0.1
+"""Who gives less to one side of a contrast, by what goes to the other, is of the other alone."""
+
+
 @dataclass(frozen=True)
 class CrossedDesign:
     """Participants and scenes that saw a mixed model's conditions, for degrees of freedom.
@@ -135,12 +139,30 @@ class CrossedDesign:
         parts, degrees = [], []
         for name, share in self.shares.items():
             parts.append(float(contrast @ self.covariance(name) @ contrast))
-            degrees.append(float(weighted_df(share @ np.abs(contrast))[1]))
+            sides = share @ contrast.clip(min=0.0), share @ (-contrast).clip(min=0.0)
+            degrees.append(_levels_df(*sides))
         rest = max(variance - sum(parts), 0.0)
         weights = np.array(parts) + rest * np.array([1.0, 0.5])[: len(parts)]
         if not weights.any():
             return degrees[0]
         return float(two_way_df(list(weights), [np.asarray(df) for df in degrees]))
+
+
+def _levels_df(first: Floats, second: Floats) -> float:
+    """Return the degrees of freedom of participants, or of scenes, on the sides of a contrast.
+
+    Those who are on one side alone, as in groups of people who saw one condition each, are a sample
+    of their own, whose mean takes another degree; 1 is left.
+
+    Parameters
+    ----------
+    first, second : ndarray (levels,)
+        What each gives to either side, 0 or more.
+    """
+    every = float(weighted_df(first + second)[1])
+    alone = np.minimum(first, second) < ONE_SIDED * np.maximum(first, second)
+    apart = min(first[alone].sum(), second[alone].sum()) / max(first.sum(), second.sum())
+    return max(every - float(apart), min(every, 1.0))
 
 
 @dataclass(frozen=True)
@@ -175,8 +197,8 @@ def between_df(influence: Floats, effects: Sequence[Effect], variance: float) ->
         own = influence if one.times is None else influence * one.times
         given = one.sd**2 * float(np.sum(np.bincount(one.level, weights=own) ** 2))
         parts[one.scene] = parts.get(one.scene, 0.0) + given
-        share = np.asarray(np.bincount(one.group, weights=np.abs(influence)), dtype=np.float64)
-        degrees[one.scene] = np.asarray(weighted_df(share)[1])
+        sides = [np.bincount(one.group, own.clip(min=0.0)) for own in (influence, -influence)]
+        degrees[one.scene] = np.asarray(_levels_df(sides[0], sides[1]))
     rest = max(variance - math.fsum(parts.values()), 0.0)
     weights = [own + (0.5 if scene and len(parts) > 1 else 1.0) * rest
                for scene, own in parts.items()]  # fmt: skip

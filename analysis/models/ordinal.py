@@ -11,7 +11,7 @@ import scipy
 from scipy.special import expit, ndtr, ndtri
 
 from analysis.arrays import Floats, Ints
-from analysis.models.cells import checked, grid, numbered
+from analysis.models.cells import checked, grid, numbered, one_condition
 from analysis.models.contrasts import (
     IN_CONDITION,
     CrossedDesign,
@@ -385,8 +385,8 @@ def rating_model(
     notes = _notes(fit, people, [name for name in known if name not in used])
     notes += [
         f"each {name} has one rating of a condition: how it departs there is part of the SD"
-        for name in groups
-        if name + IN_CONDITION not in effects
+        for name, code in groups.items()
+        if name + IN_CONDITION not in effects and not one_condition(code, condition)
     ]
     notes += _misfit(rated, condition)
     crossed = CrossedDesign.of(condition, groups, fit.sd)

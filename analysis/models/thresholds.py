@@ -9,7 +9,7 @@ import scipy
 from scipy.special import logit
 
 from analysis.arrays import Floats, Ints
-from analysis.models.cells import checked, grid, numbered
+from analysis.models.cells import checked, grid, numbered, one_condition
 from analysis.models.contrasts import IN_CONDITION, CrossedDesign, Difference, pairs_of
 from analysis.models.curves.population import Population, Threshold, span
 from analysis.models.curves.quadrature import STARTS, PeopleFit, fit_people
@@ -157,10 +157,14 @@ def fit_thresholds(
         notes.append("no model of scenes could be fitted: thresholds are about these scenes")
     typical = float(np.mean(np.abs(slopes)))
     sd = dict(zip(kinds, (fit.sd * spread / typical).tolist(), strict=False))
+    samples = 1
+    if len(names) > 1 and one_condition(person, condition):  # nothing tells both deviations apart
+        own, samples = "participant" + IN_CONDITION, len(names)
+        sd |= {"participant": float(np.hypot(sd["participant"], sd[own])), own: 0.0}
     crossed = CrossedDesign.of(condition, groups, sd)
-    # Likelihood takes deviations from a mean that it fitted: they come out too small.
+    # Likelihood takes deviations from means that it fitted: they come out too small.
     people = len(places.participants)
-    more = people / (people - 1.0)
+    more = people / max(people - samples, 1.0)
     covariance = more * fit.covariance
     if "scene" in groups:
         at = slice(len(names)), slice(len(names))

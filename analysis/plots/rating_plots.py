@@ -55,7 +55,8 @@ def ratings_plot(
             )
             figure.legend(
                 [bars[k] for k in told], [names[k] for k in told], loc="outside lower center",
-                ncols=min(len(told), 7 if width_in > 5 else 5), title=f"Rating (left); {said} (right)",
+                ncols=min(len(told), 7 if width_in > 5 else 5),
+                title=f"Rating (left); {said} (right)",
             )  # fmt: skip
         else:
             explain(figure, said.capitalize(), width_in)
