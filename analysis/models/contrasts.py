@@ -151,8 +151,8 @@ class CrossedDesign:
 def _levels_df(first: Floats, second: Floats) -> float:
     """Return the degrees of freedom of participants, or of scenes, on the sides of a contrast.
 
-    Those who are on one side alone, as in groups of people who saw one condition each, are a sample
-    of their own, whose mean takes another degree; 1 is left.
+    Where all are on one side alone, as in groups of people who saw one condition each, these are
+    two samples, and the mean of the second takes another degree; 1 is left.
 
     Parameters
     ----------
@@ -160,9 +160,10 @@ def _levels_df(first: Floats, second: Floats) -> float:
         What each gives to either side, 0 or more.
     """
     every = float(weighted_df(first + second)[1])
-    alone = np.minimum(first, second) < ONE_SIDED * np.maximum(first, second)
-    apart = min(first[alone].sum(), second[alone].sum()) / max(first.sum(), second.sum())
-    return max(every - float(apart), min(every, 1.0))
+    less, more = np.minimum(first, second), np.maximum(first, second)
+    sides = sorted((first.sum(), second.sum()))
+    two = bool(np.all(less <= ONE_SIDED * more)) and sides[0] > ONE_SIDED * sides[1]
+    return max(every - two, min(every, 1.0))
 
 
 @dataclass(frozen=True)
@@ -197,8 +198,11 @@ def between_df(influence: Floats, effects: Sequence[Effect], variance: float) ->
         own = influence if one.times is None else influence * one.times
         given = one.sd**2 * float(np.sum(np.bincount(one.level, weights=own) ** 2))
         parts[one.scene] = parts.get(one.scene, 0.0) + given
-        sides = [np.bincount(one.group, own.clip(min=0.0)) for own in (influence, -influence)]
-        degrees[one.scene] = np.asarray(_levels_df(sides[0], sides[1]))
+        first, second = (
+            np.asarray(np.bincount(one.group, weights=side.clip(min=0.0)), dtype=np.float64)
+            for side in (influence, -influence)
+        )
+        degrees[one.scene] = np.asarray(_levels_df(first, second))
     rest = max(variance - math.fsum(parts.values()), 0.0)
     weights = [own + (0.5 if scene and len(parts) > 1 else 1.0) * rest
                for scene, own in parts.items()]  # fmt: skip

@@ -353,7 +353,7 @@ def rating_model(
     Random are participants, scenes where there are several, and the deviations of both in a
     condition (left out where each has one rating of it: these cannot tell it from chance). Limits
     and tests: Wald's, by t with degrees of freedom between those of participants and of scenes
-    (`contrasts.Crossed`). Categories nobody chose have no thresholds of their own, and keep their
+    (`contrasts.CrossedDesign`). Categories nobody chose have no thresholds of their own, and keep their
     number in means.
     """
     rows = checked(trials, ("rating",), by)
@@ -458,7 +458,9 @@ def paired_ratings(
     fit = rated.fit({}, inference)
     twice = {group: np.concatenate([code, code]) for group, code in groups.items()}
     crossed = CrossedDesign.of(np.concatenate(sides), twice, fit.sd)
-    return _model(rated, pairs, fit, crossed, _notes(fit, people, []), asked, inference)
+    model = _model(rated, pairs, fit, crossed, _notes(fit, people, []), asked, inference)
+    # What the first of a pair has more moves all thresholds, and no condition's own place.
+    return replace(model, margins=replace(model.margins, means=()))
 
 
 @dataclass(frozen=True)

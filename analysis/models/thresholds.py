@@ -107,7 +107,7 @@ def fit_thresholds(
     (`quadrature.fit_people`). With scenes the same deviations of scenes are added, and all are
     integrated out by Laplace's method (`glmm.fit_crossed`), at each participant's lapse rate of
     the model without scenes. Limits and tests: delta method, by t with degrees of freedom of
-    participants, and between these and those of scenes (`contrasts.Crossed`), because so many
+    participants, and between these and those of scenes (`contrasts.CrossedDesign`), because so many
     people and scenes, and not so many trials, tell the mean.
     """
     rows = checked(trials, (level_column, "correct"), by)

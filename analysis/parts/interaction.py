@@ -41,6 +41,8 @@ from protocols.blocks import Box, Cautions, FigurePlace, Paragraph, TableBlock
 from protocols.prose import count_of
 from protocols.tasks.rates import name_of
 
+LED_BY = 6
+"""Planned changes that stand before all."""
 Pair = tuple[str, str]
 AtValues = Mapping[str, Sequence[pd.Series]]
 """Cells of a comparison's condition, or of its two, by value of the factor."""
@@ -135,6 +137,8 @@ class InteractionPart(Part[P, Interactions]):
             f"Shares by {factor}, with {plan.limits} that respect participants"
             " and scenes; dashed: chance. Limits that overlap are no test of a difference."
         )
+        left = len(found.planned) - LED_BY
+        more = f"{left} more are below." if left > 0 else ""
         rows = [
             (_between(one, plan), plan.label(one.at), one.share, one.lower, one.upper)
             for one in found.sides
@@ -147,7 +151,7 @@ class InteractionPart(Part[P, Interactions]):
             lead=(
                 Box(
                     f"Interaction with {factor}",
-                    " ".join(_apa(one, plan) for one in found.planned[:4]),
+                    " ".join([*(_apa(one, plan) for one in found.planned[:LED_BY]), more]).strip(),
                     f"Planned; two-sided, alpha = {leading(f'{plan.alpha:g}')}.",
                 ),
             ),

@@ -246,7 +246,7 @@ def _difference_p(gap: Floats) -> Floats:
     Near the likelihood ratio that decides in a mixed model, in closed form: variances as maximum
     likelihood has them; of the mean of n numbers the ratio is n log(1 + t^2 / n), where n is of
     those, people or scenes, that are more. Its root is judged by t, with degrees of freedom as
-    `contrasts.Crossed`. Scenes that lack a condition are NaN, and left out.
+    `contrasts.CrossedDesign`. Scenes that lack a condition are NaN, and left out.
     """
     both = ~np.isnan(gap).any(axis=(0, 1))
     gap = gap[..., both] if both.any() else np.nanmean(gap, axis=-1, keepdims=True)

@@ -1,7 +1,7 @@
 """Interaction of a preference, or a difference of right answers, with a second factor."""
 
 import json
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,10 @@ from undrawn_reports import undrawn
 
 from analysis.models.cells import checked, grid
 from analysis.models.clustered import two_way_difference
+from analysis.models.contrasts import Difference
 from analysis.models.second_factor import jod_interactions, share_interactions
+from analysis.parts.interaction import Interaction, Interactions, PreferenceInteraction
+from analysis.plans.table_settings import PreferenceTableSettings
 from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
@@ -201,3 +204,25 @@ def test_a_study_plans_it_and_preregisters_it(tmp_path):
                                     '\nkind = "preference"\ninteraction = "scene"\n'))  # fmt: skip
     with pytest.raises(StudyError, match=r"analysis\.interaction"):
         load_protocol(file)
+
+
+def test_a_box_that_leaves_planned_changes_out_says_how_many():
+    rows = pd.DataFrame(
+        [("P1", "s", size, "ours", "blur", "ours") for size in "abcd"],
+        columns=["participant", "scene", "size", "first", "second", "chosen"],
+    )
+    plan = analysis_of("preference").settings_of_table(
+        rows, "rows", PreferenceTableSettings(interaction="size")
+    )
+    changes = tuple(
+        Interaction(
+            "ours", "blur", Difference(measure, *pair, 0.1, 0.1, -0.1, 0.3, 0.95, 5.0, 0.3, 0.3)
+        )
+        for measure in ("share of choices", "JOD")
+        for pair in combinations("abcd", 2)
+    )
+    found = Interactions("size", 0.5, (), changes, changes[:6], changes[6:], ())
+    (box,) = PreferenceInteraction().show(found, plan).lead
+
+    assert str(box).count("ours / blur: ") == 6
+    assert "6 more are below." in str(box)

@@ -124,6 +124,7 @@ def test_pairs_with_ties_give_back_the_places():
         assert places[name].lower < truth < places[name].upper
         assert places[name].upper - places[name].lower < 1.0
     assert model.categories == ("-1", "0", "1")
+    assert model.margins.means == (), "pairs tell differences alone"
     assert model.thresholds == pytest.approx((-0.4, 0.4), abs=0.12)
 
 
