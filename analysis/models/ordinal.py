@@ -353,8 +353,8 @@ def rating_model(
     Random are participants, scenes where there are several, and the deviations of both in a
     condition (left out where each has one rating of it: these cannot tell it from chance). Limits
     and tests: Wald's, by t with degrees of freedom between those of participants and of scenes
-    (`contrasts.CrossedDesign`). Categories nobody chose have no thresholds of their own, and keep their
-    number in means.
+    (`contrasts.CrossedDesign`). Categories nobody chose have no thresholds of their own, and keep
+    their number in means.
     """
     rows = checked(trials, ("rating",), by)
     texts = rows["rating"].map(name_of)

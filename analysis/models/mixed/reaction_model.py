@@ -126,10 +126,11 @@ def time_model(
     Notes
     -----
     `linear_mixed.fit_linear_mixed`. Limits and tests are t with degrees of freedom between those
-    of participants and of scenes (`contrasts.CrossedDesign`): so many people and scenes, and not so many
-    answers, tell what holds for others. The deviations of participants and scenes in a condition
-    keep one person's taste, and one scene's, from passing for the condition's; where each has one
-    time of a condition they are part of the residual.
+    of participants and of scenes (`contrasts.CrossedDesign`): so many people and scenes, and not
+    so many answers, tell what holds for others. The deviations of participants and scenes in a
+    condition keep one person's taste, and one scene's, from passing for the condition's; where each
+    has one time of a condition they are part of the residual, and where each has one condition
+    there are none.
     """
     rows = checked(trials, ("rt_s",), by)
     rows = rows[rows["rt_s"].notna()].reset_index(drop=True)
