@@ -23,8 +23,9 @@ from undrawn_reports import undrawn
 
 from analysis.models.mixed.inference import Inference
 from analysis.models.mixed.reaction_model import time_model
+from analysis.parts.levels import CurvesPart
 from analysis.parts.times import Times, TimesPart
-from analysis.plans.table_settings import TimeTableSettings
+from analysis.plans.table_settings import CurveTableSettings, TimeTableSettings
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
@@ -275,6 +276,34 @@ def test_statsmodels_finds_limits_of_times_where_a_deviation_is_small(tmp_path, 
         report_decisions(tmp_path / "times.csv", tmp_path / "report", figure_files=False)
 
     assert status(tmp_path / "report" / "scripts" / "times.py") == 0, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("language", [pytest.param("R", marks=pytest.mark.slow), "py"])
+def test_a_curve_between_two_levels_is_as_likely_at_the_threshold_of_the_report(
+    language, tmp_path, capsys
+):
+    """From the best curve a search does not find the one that is as good there."""
+    counts = ((1, 6, 13), (2, 7, 19), (3, 10, 15), (4, 23, 25), (5, 21, 24))
+    rows = pd.DataFrame(
+        [(f"P{k % 4}", x, int(k < right)) for x, right, shown in counts for k in range(shown)],
+        columns=["participant", "level", "correct"],
+    )
+    plan = analysis_of("psychometric").settings_of_table(
+        rows, "rows", CurveTableSettings(level="level")
+    )
+    rows = rows.assign(condition="all")
+    shown = CurvesPart().show(CurvesPart().of(rows, plan), plan)
+    script = tmp_path / "scripts" / f"curves.{language}"
+    for folder in ("scripts", "tables"):
+        (tmp_path / folder).mkdir()
+    script.write_text(shown.scripts[script.name], encoding="utf-8")
+    shown.tables["levels.csv"].to_csv(tmp_path / "tables" / "levels.csv", index=False)
+    if language == "R":
+        needed_r()
+        done = run_r(script)
+        assert done.returncode == 0, done.stdout + done.stderr
+    else:
+        assert status(script) == 0, capsys.readouterr().out
 
 
 def test_no_name_ends_a_text_of_a_script():
