@@ -596,7 +596,8 @@ def _errs_too_often(
     return [
         f"do not plan by these numbers: in this design the test{f' of {of}' * bool(of)} errs too"
         " often. With nothing to"
-        f" find, {false_positives[worst]:.2f} of studies of {participants[worst]} participants are"
+        f" find, {false_positives[worst]:.2f} of studies of"
+        f" {count_of(participants[worst], 'participant')} are"
         f" significant all the same, at alpha {alpha:g}"
         + (f": {alone}. Correct for them" if alone else ". Add scenes")
     ]

@@ -53,9 +53,8 @@ class Difference:
 def unidentified(one: Difference) -> Difference:
     """Return a comparison that the data do not identify: without numbers."""
     nan = math.nan
-    return replace(
-        one, difference=nan, standard_error=nan, lower=nan, upper=nan, p=nan, p_adjusted=nan
-    )
+    one = replace(one, difference=nan, standard_error=nan, lower=nan, upper=nan)
+    return replace(one, df=nan, p=nan, p_adjusted=nan)
 
 
 def check_conditions(count: int) -> None:

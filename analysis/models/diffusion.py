@@ -210,7 +210,9 @@ def _mean(name: str, people: Sequence[PersonDiffusion], level: float) -> MeanDif
     own = [one.fit for one in people if one.condition == name]
     means, lower, upper = {}, {}, {}
     for measure in MEASURES:
-        mean = mean_over_people(np.array([getattr(fit, measure) for fit in own]), level)
+        values = np.array([getattr(fit, measure) for fit in own])
+        least = 0.0 if measure == "boundary" else -math.inf
+        mean = mean_over_people(values, level, within=(least, math.inf))
         means[measure], lower[measure], upper[measure] = mean.value, mean.lower, mean.upper
     return MeanDiffusion(name, len(own), means, lower, upper, level)
 

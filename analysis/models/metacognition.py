@@ -262,10 +262,18 @@ def graded_area(counts: Floats) -> float:
     return rank_area(*_as_samples(counts))
 
 
-def mean_over_people(values: Floats, level: float, against: float | None = None) -> Measure:
+def mean_over_people(
+    values: Floats,
+    level: float,
+    against: float | None = None,
+    *,
+    within: tuple[float, float] = (-math.inf, math.inf),
+) -> Measure:
     """Return the mean of people's values with t limits, and p against a value.
 
-    Values that are NaN are left out; one person has no limits, nobody no mean.
+    Values that are NaN are left out; one person has no limits, nobody no mean. `within` are the
+    least and the largest value that there can be, where limits end: they hold the true mean as
+    often, and leave out `against` exactly where p is below 1 - level.
     """
     own = values[np.isfinite(values)]
     mean = float(own.mean()) if own.size else math.nan
@@ -276,7 +284,8 @@ def mean_over_people(values: Floats, level: float, against: float | None = None)
     p = math.nan
     if error > 0.0 and against is not None:
         p = float(two_sided_p((mean - against) / error, df))
-    return Measure(mean, error, df, mean - reach, mean + reach, level, p)
+    lower, upper = max(mean - reach, within[0]), min(mean + reach, within[1])
+    return Measure(mean, error, df, lower, upper, level, p)
 
 
 def ratio_of_means(above: Floats, below: Floats, level: float) -> Ratio:

@@ -8,6 +8,7 @@ import scipy
 
 from analysis.models.clustered import holm, sign_flip_p, two_way
 from analysis.models.compared_methods import cell_counts
+from protocols.prose import count_of
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,8 @@ def _bias(alternative: str, rows: pd.DataFrame, picked: pd.Series, alpha: float)
     )
     if extreme:
         notes.append(
-            f"{len(extreme)} participants answer by {alternative.split()[1]} more than by content: "
+            f"{count_of(len(extreme), 'participant')} answer{'s' * (len(extreme) == 1)} by"
+            f" {alternative.split()[1]} more than by content: "
             + ", ".join(name for name, _, _ in extreme)
         )
     return Bias(

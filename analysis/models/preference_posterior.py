@@ -309,7 +309,7 @@ def _notes(first: _Draws, checks: Sequence[PriorCheck], people: int) -> list[str
             f" {first.effective_draws:.0f} effective draws): nothing is reported"
         )
     if first.divergences:
-        notes.append(f"{first.divergences} draws diverged: limits may be wrong")
+        notes.append(f"{count_of(first.divergences, 'draw')} diverged: limits may be wrong")
     moved = max(abs(one.share.median - checks[0].share.median) for one in checks)
     if moved > SHIFTED or len({one.verdict for one in checks}) > 1:
         notes.append(

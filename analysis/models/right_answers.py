@@ -1,5 +1,6 @@
 """Rates of right answers: shares with limits and tests against chance, by condition."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -147,12 +148,16 @@ def rate_contrasts(
 
 @dataclass(frozen=True)
 class Influence:
-    """An estimate (...), what cells (..., participants, scenes) move it, and its least variance."""
+    """An estimate (...), what cells (..., participants, scenes) move it, and its least variance.
+
+    `most` is the largest difference of two such estimates that there can be: 1 of shares.
+    """
 
     value: Floats
     cells: Floats
     shown: Floats
     least: Floats
+    most: float = math.inf
 
     def estimate(self) -> ClusteredEstimate:
         """Return the estimate with its clustered error."""
@@ -167,6 +172,7 @@ class Influence:
             # Trials of one person rise and fall together: a difference can vary less than
             # independent trials would, but half of that is the least to believe.
             0.5 * (self.least + other.least),
+            self.most + other.most,
         )
 
     def less(self, other: "Influence") -> ClusteredEstimate:
@@ -182,7 +188,7 @@ def share_influence(happened: Floats, shown: Floats) -> Influence:
     count, total = happened.sum(axis=(-2, -1)), shown.sum(axis=(-2, -1))
     share, mild = count / total, (count + 0.5) / (total + 1.0)
     cells = (happened - shown * share[..., None, None]) / total[..., None, None]
-    return Influence(share, cells, shown, mild * (1.0 - mild) / total)
+    return Influence(share, cells, shown, mild * (1.0 - mild) / total, most=1.0)
 
 
 def contrasts(
@@ -192,11 +198,11 @@ def contrasts(
     reference: str | None = None,
     level: float = 0.95,
 ) -> tuple[Difference, ...]:
-    """Compare conditions counted on one grid."""
+    """Compare conditions counted on one grid; limits end at the largest difference of shares."""
     found = []
     for first, second in pairs_of(moved, reference):
         gap = moved[first].less(moved[second])
-        lower, upper = gap.limits(level)
+        lower, upper = np.clip(gap.limits(level), -moved[first].most, moved[first].most)
         found.append((first, second, gap, float(lower), float(upper), float(gap.p_value())))
     adjusted = holm(np.array([p for *_, p in found])) if found else np.zeros(0)
     return tuple(

@@ -24,6 +24,7 @@ from analysis.plots.style import (
 )
 from analysis.report.wording import NONE, NOT_IDENTIFIED, leading, share, share_range
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
+from protocols.prose import count_of
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ def apa_bayes(one: BayesianPreference, label: Callable[[str], str] = str) -> str
     return (
         f"{method} was chosen over {against} with a share of {share(one.share.median)},"
         f" {100 * one.level:g}% credible {share_range(one.share.lower, one.share.upper)}"
-        f" (hierarchical logit model, {one.participants} participants"
+        f" (hierarchical logit model, {count_of(one.participants, 'participant')}"
         f"{f', {one.scenes} scenes' * (one.scenes > 1)});"
         f" P(share > .50) = {leading(f'{one.better:.3f}')}, P(within {leading(f'{one.margin:g}')}"
         f" of .50) = {leading(f'{one.in_rope:.3f}')}: {one.verdict} ({others})."

@@ -17,10 +17,10 @@ from analysis.models.paired.bradley_terry_mixed import PairedModel, paired_model
 from analysis.models.preference import Preference
 from analysis.parts import Part, Presentation, tried
 from analysis.parts.preferences import PreferenceResults
-from analysis.parts.shared import rows_of, sd_text
+from analysis.parts.shared import adjusted, rows_of, sd_text
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.repeat import scripts
-from analysis.report.wording import NOT_IDENTIFIED, big, number, p_number, p_text, t_text
+from analysis.report.wording import NONE, NOT_IDENTIFIED, big, number, p_number, p_text, t_text
 from protocols.blocks import Block, Cautions, Paragraph, TableBlock, grouped
 
 LARGEST_LOG = 700.0
@@ -120,9 +120,9 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
             sentences=tuple(_sentences(found, plan)),
             methods=(
                 "Logit mixed models had crossed random intercepts of participants and scenes"
-                " (Laplace approximation) and the order of presentation as a covariate; one model"
-                " of all pairings had random tastes of the methods by participant and by scene,"
-                " with Holm-adjusted likelihood ratios."
+                " (Laplace approximation) and the order of presentation as a covariate"
+                + "; one model of all pairings had random tastes of the methods by participant and"
+                " by scene, with Holm-adjusted likelihood ratios" * bool(found.together) + "."
             ),
             tables=tables,
             scripts=scripts("choices", *(["R"] if mixed else []), "py"),
@@ -179,7 +179,7 @@ def _sentences(found: ChoiceModels, plan: PreferencePlan) -> Iterator[str]:
                 f"{about}, all pairings together: b = {number(c.estimate)}, SE ="
                 f" {number(c.standard_error)}, likelihood ratio {number(c.ratio)} (df ="
                 f" {size.model.df}), {p_text(c.p)}"
-                f" ({p_number(c.p_adjusted)} Holm-adjusted; mixed model of random tastes)."
+                f"{adjusted(c.p, c.p_adjusted, 'mixed model of random tastes')}."
             )
 
 
@@ -195,7 +195,7 @@ def _blocks(found: ChoiceModels, plan: PreferencePlan) -> Iterator[Block]:
         ("b", "", lambda row: number(row[1].estimate)),
         ("LR p", "strong n", lambda row: p_number(row[1].ratio_p)),
         ("SE", "", lambda row: number(row[1].standard_error)),
-        ("Statistic", "n", lambda row: t_text(row[1].statistic, row[1].df)),
+        ("Statistic", "n", lambda row: t_text(row[1].statistic, row[1].df, none=NONE)),
         ("p", "n", lambda row: p_number(row[1].p)),
         (f"OR, {plan.limits}", "n", lambda row: _odds_text(row[1])),
         ("Random SD", "l", lambda row: _spread(row[0].fit) * row[2]),

@@ -250,7 +250,7 @@ class ConfidencePart(SimplePart[RatePlan, ConfidenceResults]):
         )
         return ConfidenceResults(
             steps,
-            tuple(_condition(name, people, plan) for name in names),
+            tuple(_condition(name, people, steps, plan) for name in names),
             tuple(people),
             tuple(calibration),
             {name: _type_2(_of(rows, name), len(steps)) for name in names},
@@ -322,7 +322,8 @@ class ConfidencePart(SimplePart[RatePlan, ConfidenceResults]):
             methods=(
                 "Confidence was averaged over each participant's right and wrong answers; type-2"
                 " ROC areas are each participant's chance that a right answer came with more"
-                " confidence than a wrong one. Means over participants have t limits."
+                " confidence than a wrong one. Means over participants have t limits, which end at"
+                " the least and the largest value that there can be."
                 + f" {HALVES}"
                 * bool(found.reliability)
             ),
@@ -413,7 +414,7 @@ def _people(name: str, rows: pd.DataFrame) -> Iterator[PersonConfidence]:
 
 
 def _condition(
-    name: str, people: Sequence[PersonConfidence], plan: AnalysisPlan
+    name: str, people: Sequence[PersonConfidence], steps: Sequence[float], plan: AnalysisPlan
 ) -> ConditionConfidence:
     own = [one for one in people if one.condition == name]
     right, wrong = (np.array([getattr(one, kind) for one in own]) for kind in ("right", "wrong"))
@@ -429,18 +430,23 @@ def _condition(
         )
     if len(own) < 2:
         notes.append("one participant only: no limits")
-    take = partial(mean_over_people, level=plan.confidence)
+    take, scale = partial(mean_over_people, level=plan.confidence), (steps[0], steps[-1])
     return ConditionConfidence(
         condition=name,
         trials=sum(one.trials for one in own),
         participants=len(own),
-        mean=_known(take(np.array([one.mean for one in own]))),
-        right=_known(take(right)),
-        wrong=_known(take(wrong)),
-        difference=_known(take(right - wrong, against=0.0)),
-        area=_known(take(np.array([one.area for one in own]), against=0.5)),
+        mean=_known(take(np.array([one.mean for one in own]), within=scale)),
+        right=_known(take(right, within=scale)),
+        wrong=_known(take(wrong, within=scale)),
+        difference=_known(take(right - wrong, against=0.0, within=apart(steps))),
+        area=_known(take(np.array([one.area for one in own]), against=0.5, within=(0.0, 1.0))),
         warnings=tuple(notes),
     )
+
+
+def apart(steps: Sequence[float]) -> tuple[float, float]:
+    """Return the least and the largest difference that means of these steps can have."""
+    return steps[0] - steps[-1], steps[-1] - steps[0]
 
 
 def _known(one: Measure) -> Measure | None:

@@ -516,7 +516,7 @@ def _graded(
         notes.append("one participant only: no limits")
     every = np.sum(cells, axis=0)
     together = tried(partial(fit_unequal, every), "curve of all answers together", notes)
-    area = mean_over_people(areas, plan.confidence, 0.5)
+    area = mean_over_people(areas, plan.confidence, 0.5, within=(0.0, 1.0))
     return ConditionGraded(name, area, d_a, slope, together, roc_points(every), tuple(notes))
 
 

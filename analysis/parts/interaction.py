@@ -170,7 +170,7 @@ class InteractionPart(Part[P, Interactions]):
                         "n",
                         lambda one: number_range(one.gap.lower, one.gap.upper),
                     ),
-                    ("df", "", lambda one: df_text(one.gap.df)),
+                    ("df", "", lambda one: df_text(one.gap.df, one.gap.t)),
                     ("p", "n", lambda one: p_number(one.gap.p)),
                     ("p adj.", "n", lambda one: p_number(one.gap.p_adjusted)),
                 ),

@@ -207,7 +207,7 @@ class StepLearning(LearningPart[RatingPlan]):
     """Ratings, in steps of their scale."""
 
     needs: ClassVar[tuple[str, ...]] = ("ratings",)
-    axis: ClassVar[str] = "Rating, steps"
+    axis: ClassVar[str] = "Rating, steps (lowest: 1)"
     bounds: ClassVar[None] = None
 
     def outcomes(
@@ -215,7 +215,7 @@ class StepLearning(LearningPart[RatingPlan]):
     ) -> Iterator[LearnedOutcome]:
         """Yield the step that was rated."""
         ratings: RatingResults = found["ratings"]
-        steps = table["rating"].map(name_of).map(ratings.model.steps).astype(float)
+        steps = table["rating"].map(name_of).map(ratings.model.steps).astype(float) + 1.0
         yield LearnedOutcome("rating, in steps of the scale", table.assign(outcome=steps))
 
     def cells(self, plan: RatingPlan) -> tuple[str, ...]:

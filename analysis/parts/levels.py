@@ -37,8 +37,8 @@ from analysis.report.wording import (
     column_in_words,
     leading,
     level_text,
+    number,
     p_number,
-    sd_digits,
     share,
     size,
     size_range,
@@ -156,10 +156,13 @@ def people_figure(
 def threshold_cells(
     known: bool, value: float, ends: Ends | None, width: float
 ) -> tuple[str, str, str]:
-    """Return threshold, limits and width as text; none where the answers do not place them."""
+    """Return threshold, limits and width as text; none where the answers do not place them.
+
+    The width is a length: that of a falling curve, whose `width` is negative, as well.
+    """
     if not known:
         return NOT_IDENTIFIED, NONE, NONE
-    return size(value, within=ends), size_range(ends), size(width)
+    return size(value, within=ends), size_range(ends), size(abs(width))
 
 
 def width_title(logarithmic: bool) -> str:
@@ -544,5 +547,11 @@ def _spread(model: ThresholdModel, form: str) -> str:
     """Return deviations within `form`; nothing where they are not identified."""
     if math.isnan(model.participant_sd):
         return ""
-    text = ", ".join(f"{name} SD = {sd_digits(sd)}" for name, sd in _deviations(model).items())
+    turned = np.log if model.logarithmic else np.asarray
+    ends = [turned([one.lower, one.upper]).tolist() for one in model.thresholds]
+    known = [(low, high) for low, high in ends if math.isfinite(high - low)]
+    within = min(known, key=lambda one: one[1] - one[0], default=None)
+    text = ", ".join(
+        f"{name} SD = {number(sd, within=within)}" for name, sd in _deviations(model).items()
+    )
     return form.format(text + " of ln threshold" * model.logarithmic)

@@ -9,15 +9,15 @@ import pandas as pd
 from analysis.data_dictionary import frame_of
 from analysis.models.mixed.marginal_means import Margin, Margins
 from analysis.parts import AnalysisPlan
-from analysis.parts.shared import TableColumn
+from analysis.parts.shared import TableColumn, adjusted
 from analysis.report.wording import (
     NOT_IDENTIFIED,
-    df_text,
     level_text,
     number,
     number_range,
     p_number,
     p_text,
+    t_number,
     t_text,
 )
 from protocols.blocks import Block, TableBlock
@@ -48,7 +48,7 @@ def contrasts_table(
             ("Contrast", "l c", lambda one: one.name),
             ("Weights", "l c", lambda one: weights_of(one.name, plan)),
             *_estimate("Estimate", plan, turned),
-            ("t(df)", "n", lambda one: f"{number(one.t)} ({df_text(one.df)})"),
+            ("t(df)", "n", lambda one: t_number(one.t, one.df)),
             ("p", "n", lambda one: p_number(one.p)),
             ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
         )
@@ -67,7 +67,7 @@ def contrast_sentences(
         yield (
             f"{about}: {number(turned(one.value), within=ends)} {unit}, {level_text(one.level)}"
             f" {number_range(*ends)}, {t_text(one.t, one.df)}, {p_text(one.p)}"
-            f" ({p_number(one.p_adjusted)} Holm-adjusted; mixed model)."
+            f"{adjusted(one.p, one.p_adjusted, 'mixed model')}."
         )
 
 

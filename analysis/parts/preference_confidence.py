@@ -4,7 +4,7 @@ Others' choices, and one's own at another time, say which preferences are clear.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -22,6 +22,7 @@ from analysis.parts.confidence import (
     SECTION,
     apa_measure,
     apa_reliability,
+    apart,
     halved,
     measured,
     reliability_of,
@@ -97,7 +98,8 @@ class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence])
                 continue
             means = own.groupby("participant", observed=True)[CONFIDENCE].mean()
             chosen = float((own["chosen"] == method).mean())
-            mean = mean_over_people(means.to_numpy(float), plan.confidence)
+            ends = steps[0], steps[-1]
+            mean = mean_over_people(means.to_numpy(float), plan.confidence, within=ends)
             pairs.append(PairConfidence(method, against, len(own), chosen, mean))
             name = plan.label(method) + " / " + plan.label(against)
             people[name] = tuple((str(who), float(value)) for who, value in means.items())
@@ -116,7 +118,7 @@ class PreferenceConfidencePart(SimplePart[PreferencePlan, PreferenceConfidence])
             steps,
             tuple(pairs),
             people,
-            tuple(_companion(rows, what, of, lacking, plan) for what, of, lacking in _COMPANIONS),
+            tuple(_companion(rows, steps, *one, plan) for one in _COMPANIONS),
             () if reliability is None else (reliability,),
             tuple(notes),
         )
@@ -265,6 +267,7 @@ _COMPANIONS: tuple[tuple[str, Callable[[pd.DataFrame], float], str], ...] = (
 
 def _companion(
     rows: pd.DataFrame,
+    steps: Sequence[float],
     what: str,
     of: Callable[[pd.DataFrame], float],
     lacking: str,
@@ -274,4 +277,6 @@ def _companion(
     people = int(np.isfinite(values).sum())
     if not people:
         return ConfidenceCorrelate(what, 0, None, lacking)
-    return ConfidenceCorrelate(what, people, mean_over_people(values, plan.confidence, 0.0), "")
+    within = (-math.inf, math.inf) if of is _by_strength else apart(steps)  # a slope has no end
+    mean = mean_over_people(values, plan.confidence, 0.0, within=within)
+    return ConfidenceCorrelate(what, people, mean, "")

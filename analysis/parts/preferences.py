@@ -26,9 +26,7 @@ from analysis.parts.shared import planned_family
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import forest_plot, preference_bars
 from analysis.report.wording import (
-    NONE,
     big,
-    df_text,
     leading,
     level_text,
     number,
@@ -36,6 +34,7 @@ from analysis.report.wording import (
     p_text,
     share,
     share_range,
+    t_number,
     t_text,
 )
 from analysis.showable import FamilyOfTests
@@ -49,6 +48,7 @@ from protocols.blocks import (
     TableBlock,
     strong,
 )
+from protocols.prose import count_of
 
 TESTS = {
     "participant-scene": (
@@ -184,7 +184,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
     def show(self, found: PreferenceResults, plan: PreferencePlan) -> Presentation:
         """Return the primary comparison before all, every comparison, people and scenes."""
         cells, primary = found.table.cells, found.primary
-        sentences = [apa_preference(one, plan, adjusted=True) for one in cells]
+        sentences = [apa_preference(one, plan, adjusted=len(cells) > 1) for one in cells]
         lead: tuple[Block, ...] = ()
         headline = sentences[0]
         if primary is not None:
@@ -286,9 +286,10 @@ def _methods(plan: PreferencePlan) -> str:
         f". For every pairing{' and size' * plan.sized} the share of choices was compared with .5"
         f" by {TESTS[plan.test][1]}, two-sided, alpha = {leading(f'{plan.alpha:g}')}"
     )
-    holm = plan.correction == "holm"
-    if holm:
-        text += f", Holm-adjusted over {len(plan.pairings) * len(plan.sizes)} comparisons"
+    count = len(plan.pairings) * len(plan.sizes)
+    several = plan.correction == "holm" and count > 1
+    if several:
+        text += f", Holm-adjusted over {count} comparisons"
     if plan.primary is not None:
         declared = " was declared beforehand and" if plan.protocol_sha256 else ""
         text += f". The primary comparison{declared} is not adjusted"
@@ -296,21 +297,21 @@ def _methods(plan: PreferencePlan) -> str:
         f"{text}. Intervals invert the test (Wilson score intervals). Participant-level sign-flip"
         " tests, pooled exact binomial tests, Bayes factors (Rouder et al., 2009, of the t with"
         " this p, Cauchy prior of scale .707) and equivalence tests (two one-sided tests against"
-        f" ±{share(plan.margin)}{', Holm-adjusted as well' * holm}) are given beside."
+        f" ±{share(plan.margin)}{', Holm-adjusted as well' * several}) are given beside."
     )
 
 
 def _lead(primary: Preference, said: str, plan: PreferencePlan) -> tuple[Block, ...]:
     text = Markup(
         "Result: {}. Equivalence within ±{}: {}.\n"
-        "Sign-flip test of participants: {} (no smaller than {:.2g} with {} participants)."
+        "Sign-flip test of participants: {} (no smaller than {:.2g} with {})."
     ).format(
         strong(verdict(primary, plan)),
         share(primary.equivalence.margin),
         p_text(primary.equivalence.p),
         p_text(primary.sensitivity.sign_flip_p),
         primary.sensitivity.sign_flip_floor,
-        primary.answers.participants,
+        count_of(primary.answers.participants, "participant"),
     )
     return (
         Box("Primary comparison", said, text),
@@ -321,24 +322,20 @@ def _lead(primary: Preference, said: str, plan: PreferencePlan) -> tuple[Block, 
 def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
     cells, margin = found.table.cells, share(plan.margin)
     level = plan.limits
-    adjusted = f", Holm-adjusted over {len(cells)}" * (plan.correction == "holm")
+    over = f", Holm-adjusted over {len(cells)}" * (plan.correction == "holm" and len(cells) > 1)
 
     def name(cell: Preference) -> str:
         return plan.named(cell.method, cell.against, cell.size)
 
-    def score(cell: Preference) -> str:
-        t, df = cell.test.t, cell.test.df
-        return NONE if t is None or df is None else f"{number(t)} ({df_text(df)})"
-
     yield FigurePlace("preference")
     yield TableBlock.each(
-        f"Every comparison, p by {TESTS[plan.test][0]}{adjusted}",
+        f"Every comparison, p by {TESTS[plan.test][0]}{over}",
         cells,
         ("Comparison", "l c", name),
         ("Chosen", "n", lambda c: f"{c.answers.chosen} / {c.answers.trials}"),
         ("Share", "strong", lambda c: share(c.estimate.share)),
         (level, "n", lambda c: share_range(c.estimate.lower, c.estimate.upper)),
-        ("t(df)", "n", score),
+        ("t(df)", "n", lambda c: t_number(c.test.t, c.test.df)),
         ("p", "n", lambda c: p_number(c.test.p)),
         ("p adj.", "n", lambda c: p_number(c.test.p_adjusted)),
         ("h", "", lambda c: number(c.estimate.cohens_h)),

@@ -46,6 +46,7 @@ from analysis.report.wording import (
     number_range,
     placed,
     share,
+    t_number,
 )
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Box, Cautions, FigurePlace, Paragraph, Section, TableBlock
@@ -150,6 +151,9 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
         own = [decisive(one, adjusted=False) for one in model.contrasts]
         first = model.contrasts[min(range(len(own)), key=lambda k: (math.isnan(own[k]), own[k]))]
         count = sum(_decides(one, plan) < plan.alpha for one in model.contrasts)
+        differ = f"{count} of {len(own)} comparisons differ"
+        if len(own) < 2:
+            differ = "They differ" if count else "No difference is shown"
         caption = (
             f"{'' if pairs else 'Left: share of each rating. '}Places on the latent axis with"
             f" {plan.limits}, from the first condition on."
@@ -159,7 +163,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
                 Box(
                     "Clearest comparison",
                     apa_rating(first, model, plan.bootstrap_draws),
-                    f"{count} of {len(model.contrasts)} comparisons differ,"
+                    f"{differ},"
                     f" two-sided{', Holm-adjusted' * (holm and len(own) > 1)}, by likelihood"
                     " ratio.",
                 ),
@@ -213,15 +217,17 @@ def _unit(model: RatingModel) -> str:
 def _methods(found: RatingResults, plan: RatingPlan) -> str:
     model = found.model
     kind = "ordered ratings" if plan.by else "graded comparisons of pairs"
-    df = sorted({df_text(one.df) for one in model.contrasts}, key=float)
-    law = f"t of {' to '.join(dict.fromkeys((df[0], df[-1])))}"
+    count = len(model.contrasts)
+    df = sorted({df_text(one.df) for one in model.contrasts if not math.isnan(one.df)}, key=float)
+    law = f"t of {' to '.join(dict.fromkeys((*df[:1], *df[-1:])))}" if df else "t of as many"
     corrected = "Holm-adjusted" if plan.correction == "holm" else "not adjusted"
+    over = f", {corrected} over {count} comparisons" * (count > 1)
     return (
         f"They are {kind} on {len(model.categories)} categories, analysed by a cumulative-link"
         f" mixed model ({model.link}; McCullagh, 1980; Laplace approximation), random over"
         f" {', '.join(model.sd)}. Differences were tested by likelihood ratios, beside Wald's"
         f" statistics and limits, with {law} degrees of freedom, two-sided, alpha ="
-        f" {leading(f'{plan.alpha:g}')}, {corrected} over {len(model.contrasts)} comparisons."
+        f" {leading(f'{plan.alpha:g}')}{over}."
     )
 
 
@@ -254,7 +260,7 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
         (f"Difference, {unit}", "strong", lambda one: placed(one, one.difference)),
         limits(plan.limits),
         *RATIOS,
-        ("t(df)", "n", lambda one: f"{number(one.t)} ({df_text(one.df)})"),
+        ("t(df)", "n", lambda one: t_number(one.t, one.df)),
         *TESTED[1:],
         ("Rated higher", "", lambda one: share(one.superiority)),
     )

@@ -110,7 +110,7 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
                     ("LR p", "strong n", lambda row: p_number(row[1].ratio_p)),
                     ("SE", "", lambda row: number(row[1].standard_error, 3)),
                     ("Statistic", "", lambda row: number(row[1].statistic)),
-                    ("Law", "", lambda row: law(row[1].df)),
+                    ("Law", "", lambda row: law(row[1].df, row[1].statistic)),
                     ("p", "n", lambda row: p_number(row[1].p)),
                     ("OR", "", lambda row: big(row[1].odds_ratio)),
                     ("Random SD", "l", lambda row: sd_text(row[0][1].random_sd) * row[2]),

@@ -26,6 +26,7 @@ from analysis.models.observers import ObserverCheck, check_observers
 from analysis.models.paired.order_effect import OrderEffect, order_effect
 from analysis.models.scaling import Contrast, Scale, contrasts, scale
 from analysis.parts import PartFigure, Presentation, SimplePart, tried
+from analysis.parts.shared import adjusted
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.wording import (
@@ -155,12 +156,12 @@ def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
     level = f"{100 * plan.confidence:g}% CI"
     for size in found.sizes:
         for one in size.differences().to_dict("records"):
+            p, also = one["clustered_p"], one["clustered_p_adjusted"]
             yield (
                 f"{plan.label(one['first'])} minus {plan.label(one['second'])}"
                 f"{plan.at(size.size, ' ({})')}: {_value(one, 'difference')} {size.scale.unit},"
                 f" {level} {number_range(one['lower'], one['upper'])},"
-                f" {p_text(one['clustered_p'])} ({p_number(one['clustered_p_adjusted'])}"
-                " Holm-adjusted; two-way bootstrap)."
+                f" {p_text(p)}{adjusted(p, also, 'two-way bootstrap')}."
             )
         if (order := size.order) is not None:
             apart = by_how_much(order, order.value, size.scale.unit, ("more", "less"))

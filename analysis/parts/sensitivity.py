@@ -372,8 +372,9 @@ def methods_yes_no(results: YesNoResults) -> str:
     return (
         f"{start}, also between conditions, are t with standard errors clustered by {by} ({two_way}"
         " each trial's influence on z); shares have Wilson"
-        " limits with the effective number of trials, and p from the same score test. Tests"
-        " between conditions are Holm-adjusted."
+        " limits with the effective number of trials, and p from the same score test."
+        + " Tests between conditions are Holm-adjusted."
+        * (len(results.d_prime_contrasts) > 1)
     )
 
 
@@ -606,6 +607,8 @@ def methods_discrimination(results: DiscriminationResults) -> str:
     return (
         f"d' ({results.rule}) was taken from each condition's share of correct answers"
         f"{_corrected(results.correction)}; its limits are those of the share (Wilson, effective"
-        f" number of trials clustered by {by}), mapped to d'. Conditions were"
-        " compared as shares correct, Holm-adjusted."
+        f" number of trials clustered by {by}), mapped to d'."
+        + " Conditions were compared as shares correct" * bool(results.contrasts)
+        + ", Holm-adjusted" * (len(results.contrasts) > 1)
+        + "." * bool(results.contrasts)
     )

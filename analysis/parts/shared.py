@@ -40,7 +40,7 @@ TableColumn: TypeAlias = tuple[str, str, Callable[[Any], str]]
 
 P: TableColumn = ("p", "n", lambda one: p_number(one.p))
 TESTED: tuple[TableColumn, ...] = (
-    ("df", "", lambda one: df_text(one.df)),
+    ("df", "", lambda one: df_text(one.df, one.t)),
     P,
     ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
 )
@@ -102,10 +102,20 @@ def apa_test(one: Comparison, more: str = "", draws: int = 0) -> str:
     """
     ratio = ""
     if isinstance(one, RatingDifference | TimeRatio) and not math.isnan(one.ratio_p):
-        law = f"{p_number(one.ratio_p_adjusted)} Holm-adjusted{bootstrapped(draws)}"
-        ratio = f"likelihood ratio {p_text(one.ratio_p)} ({law}); "
-    also = f"{p_number(one.p_adjusted)} Holm-adjusted{more and f'; {more}'}"
-    return f"{ratio}{t_text(one.t, one.df)}, {p_text(one.p)} ({also})"
+        also = adjusted(one.ratio_p, one.ratio_p_adjusted, bootstrapped(draws).removeprefix("; "))
+        ratio = f"likelihood ratio {p_text(one.ratio_p)}{also}; "
+    also = adjusted(one.p, one.p_adjusted, more)
+    return f"{ratio}{t_text(one.t, one.df)}, {p_text(one.p)}{also}"
+
+
+def adjusted(p: float, p_adjusted: float, more: str = "") -> str:
+    """Return what follows a p in a sentence: `` (.138 Holm-adjusted; more)``.
+
+    Without Holm's p where it is the same, as of a comparison that is the only one.
+    """
+    holms = f"{p_number(p_adjusted)} Holm-adjusted" * (abs(p_adjusted - p) > 1e-12)
+    text = "; ".join(filter(None, (holms, more)))
+    return f" ({text})" if text else ""
 
 
 def bootstrapped(draws: int) -> str:
@@ -172,14 +182,11 @@ def difference_tables(
 
 def apa_difference(one: Difference, label: Callable[[str], str] = str) -> str:
     """Return the difference of two conditions as a sentence."""
-    text = (
+    return (
         f"{label(one.first)} minus {label(one.second)}: {placed(one, one.difference)} in"
         f" {one.measure}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
-        f" {t_text(one.t, one.df)}, {p_text(one.p)}"
+        f" {t_text(one.t, one.df)}, {p_text(one.p)}{adjusted(one.p, one.p_adjusted)}."
     )
-    if abs(one.p_adjusted - one.p) > 1e-12:
-        text += f" ({p_text(one.p_adjusted)} Holm-adjusted)"
-    return text + "."
 
 
 def alone(table: pd.DataFrame, plan: AnalysisPlan) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from analysis.models.paired.paired_counts import Model
 from analysis.models.scaling import Scale, scale
 from analysis.parts import Part, PartFigure, Presentation, tried
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, vote_tensor
+from analysis.parts.shared import adjusted
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.wording import big, number, number_range, p_number, p_text
@@ -101,7 +102,7 @@ class StrengthsPart(Part[PreferencePlan, Strengths]):
                 f"The odds of choosing {plan.label(one.first)} over {plan.label(one.second)}"
                 f"{plan.at(one.size, ' ({})')} were {big(one.odds)}, {level.replace(' ', '')} CI"
                 f" [{big(one.lower)}, {big(one.upper)}], {p_text(one.p)}"
-                f" ({p_number(one.p_adjusted)} Holm-adjusted; Bradley-Terry, two-way bootstrap)."
+                f"{adjusted(one.p, one.p_adjusted, 'Bradley-Terry, two-way bootstrap')}."
                 for one in found.odds
             ),
             methods=(

@@ -299,7 +299,8 @@ def _methods(found: Times) -> Iterator[str]:
         yield (
             "Their logarithms were also fitted by a linear mixed model (REML), random over"
             f" {', '.join(_deviations(found.model))}; likelihood ratios (maximum likelihood) and"
-            f" Wald's tests are {law_of_mixed(scenes=found.model.scenes > 1)}, Holm-adjusted."
+            f" Wald's tests are {law_of_mixed(scenes=found.model.scenes > 1)}"
+            f"{', Holm-adjusted' * (len(found.model.ratios) > 1)}."
         )
     if found.diffusion is not None:
         yield (

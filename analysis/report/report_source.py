@@ -17,6 +17,7 @@ from analysis.tidy import TidyTables, read_sessions
 from protocols.disk.hashing import Json, sha256_file
 from protocols.errors import StudyError
 from protocols.latency import LatencySummary
+from protocols.prose import count_of
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
@@ -51,7 +52,8 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
     decisions = tidy.analysed
     if decisions.empty:
         lost = "; ".join(
-            f"{step.step}: {step.sittings_out} sessions, {step.decisions_out} decisions out"
+            f"{step.step}: {count_of(step.sittings_out, 'session')},"
+            f" {count_of(step.decisions_out, 'decision')} out"
             for step in tidy.flow[1:]
             if step.sittings_out or step.decisions_out
         )

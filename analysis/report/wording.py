@@ -124,19 +124,34 @@ def level_text(level: float) -> str:
     return f"{100 * level:g}% CI"
 
 
-def df_text(df: float) -> str:
-    """Return degrees of freedom: one digit after the point where they are not whole."""
-    return NONE if math.isnan(df) else f"{round(df, 1):.10g}"
+def df_text(df: float, t: float = 0.0) -> str:
+    """Return degrees of freedom: one digit after the point where they are not whole.
+
+    ``none`` for NaN, and where the statistic `t` that they are of is none.
+    """
+    return NONE if math.isnan(df) or math.isnan(t) else f"{round(df, 1):.10g}"
 
 
-def law(df: float | None) -> str:
-    """Return ``t(5)``; ``z`` where there are no degrees of freedom, or no end of them."""
+def law(df: float | None, t: float = 0.0) -> str:
+    """Return ``t(5)``; ``z`` where there are no degrees of freedom, or no end of them.
+
+    ``none`` where the statistic `t` that follows it is none.
+    """
+    if math.isnan(t):
+        return NONE
     return "z" if df is None or math.isinf(df) else f"t({df_text(df)})"
 
 
-def t_text(t: float, df: float | None) -> str:
-    """Return a statistic with its law: ``t(5) = 2.31``."""
-    return f"{law(df)} = {number(t)}"
+def t_text(t: float, df: float | None, none: str = "no t") -> str:
+    """Return a statistic with its law: ``t(5) = 2.31``; ``no t`` for NaN, or `none`."""
+    return none if math.isnan(t) else f"{law(df)} = {number(t)}"
+
+
+def t_number(t: float | None, df: float | None) -> str:
+    """Return a statistic with its degrees of freedom for a table: ``2.31 (5)``."""
+    if t is None or df is None or math.isnan(t) or math.isnan(df):
+        return NONE
+    return f"{number(t)} ({df_text(df)})"
 
 
 def size(value: float | None, digits: int = 3, *, within: Ends | None = None) -> str:
@@ -163,11 +178,6 @@ def size_range(ends: Ends | None) -> str:
     """Return limits of a level or the like; ``none`` for None and NaN."""
     texts = [NONE] if ends is None else [size(end, within=ends) for end in ends]
     return NONE if NONE in texts else f"[{', '.join(texts)}]"
-
-
-def sd_digits(value: float) -> str:
-    """Return a deviation in the units of levels; one that no data could tell from 0 is 0."""
-    return "0" if value <= 1e-6 else size(value)
 
 
 def column_in_words(column: str) -> str:

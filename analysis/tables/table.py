@@ -26,6 +26,7 @@ from analysis.tables.words import (
 )
 from protocols.columns import COMMON_COLUMNS, attempted, decided
 from protocols.errors import StudyError, did_you_mean
+from protocols.prose import count_of
 from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
 from protocols.tasks.rating import RATING_COLUMNS
 from protocols.tasks.single import ANSWER_COLUMNS
@@ -243,8 +244,8 @@ class Table:
                 late |= empty & judged
             elif (empty & wrong).any() and 2 * (empty & right).sum() < right.sum():
                 self.notes.append(
-                    f"{name} is empty in {int((empty & right).sum())} rows that count as right:"
-                    f" the {int((empty & wrong).sum())} that count as wrong were kept"
+                    f"{name} is empty in {count_of(int((empty & right).sum()), 'row')} of right"
+                    f" answers: the {int((empty & wrong).sum())} of wrong ones were kept"
                 )
         self.leave_out(none | late, " without an answer")
         if self.rows.empty:
@@ -299,10 +300,11 @@ class Table:
         dates, all_of_them = row_checks.spoilt(values)
         if dates.any() and not all_of_them and column not in self._filtered:
             at = dates.index[dates][0]
+            rows = count_of(int(dates.sum()), "row")
             self.refuse(
                 dates,
                 f"{column} must be a name, not the date that a spreadsheet made of one"
-                f" (got {shortened(values[at])!r} in {int(dates.sum())} rows); write the name again"
+                f" (got {shortened(values[at])!r} in {rows}); write the name again"
                 f" in a column of text, or {self.cure('--where')} '{column}!={values[at]}'",
             )
         if dates.any():
@@ -513,9 +515,10 @@ class Table:
             far &= known.isin(codes) | (known > most + 3 * (most - least))
         if far.any():
             code = float(known[far].iloc[0])
+            rows = count_of(int((known == code).sum()), "row")
             raise StudyError(
                 f"{self.place(far.index[far][0])}: {column} must be a value like the others, from"
-                f" {least:g} to {most:g} (got {code:g} in {int((known == code).sum())} rows); leave"
+                f" {least:g} to {most:g} (got {code:g} in {rows}); leave"
                 f" it out with {self.cure('--where')} '{column}!={code:g}', or, if it is meant, say"
                 f" --where '{column}{'<=' if code > most else '>='}{code:g}'"
             )

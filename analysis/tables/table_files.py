@@ -19,6 +19,7 @@ from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
 from protocols.limits import FIXED, check_cells, check_within
 from protocols.outside import CONTROL, lines_of, original_cell
+from protocols.prose import count_of
 
 TABLES = (".csv", ".tsv", ENDING)
 """Tables that a folder may hold."""
@@ -164,8 +165,8 @@ def _of_file(path: Path, counted: Counted | None) -> FileRows:
             else "the column was answered where the row was right"
         )
         found.notes.append(
-            f"counts of {len(each)} decisions, {what}; a table of counts says neither who decided"
-            f" (all stand as the participant {path.stem!r}) nor in which order"
+            f"counts of {count_of(len(each), 'decision')}, {what}; a table of counts says neither"
+            f" who decided (all stand as the participant {path.stem!r}) nor in which order"
         )
         found.header, found.rows = HEADER[counted], [row for _, row in each]
         found.lines = [(path, line) for line, _ in each]

@@ -10,6 +10,7 @@ from analysis.tables.table import Source, Table, opened
 from analysis.tables.words import missing
 from protocols.columns import Column, decided
 from protocols.errors import StudyError
+from protocols.prose import count_of
 from protocols.tasks.confidence_question import COLUMNS, CONFIDENCE
 from protocols.tasks.rates import name_of
 from protocols.tasks.rating import RATING_COLUMNS
@@ -209,9 +210,9 @@ def _refuse_strangers(table: Table, rows: pd.DataFrame) -> None:
             f" none would be right); say which is which: {table.cure('--answer')} {cure}"
         )
     if strange and len(expected) > 1:
-        count = int(rows["answer"].isin(strange).sum())
+        count = count_of(int(rows["answer"].isin(strange).sum()), "row")
         table.notes.append(
-            f"answer holds {', '.join(strange[:5])} ({count} rows), which expected never does:"
+            f"answer holds {', '.join(strange[:5])} ({count}), which expected never does:"
             " they count as wrong"
         )
 

@@ -12,7 +12,7 @@ from analysis.models.curves.goodness_of_fit import Misfit, curve_misfits, misfit
 from analysis.models.trends import Course, Trend, course, trend
 from analysis.parts import Part, PartFigure, Presentation
 from analysis.parts.levels import SECTION, Curves, figure_axes, section_title
-from analysis.parts.shared import condition, in_order
+from analysis.parts.shared import adjusted, condition, in_order
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots.psychometric_plots import misfit_plot
 from analysis.report.wording import (
@@ -129,7 +129,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
                     [over],
                     ("Change", "strong", lambda one: placed(one, one.change)),
                     (plan.limits, "n", lambda one: number_range(one.lower, one.upper)),
-                    ("df", "", lambda one: df_text(one.df)),
+                    ("df", "", lambda one: df_text(one.df, one.t)),
                     ("p", "n", lambda one: p_number(one.p)),
                 ),
             )
@@ -160,9 +160,9 @@ class GoodnessPart(Part[RatePlan, Goodness]):
                 *(
                     f"Goodness of fit of {plan.label(one.condition)}: deviance"
                     f" {size(one.deviance)} of {one.cells} counts, {size(one.expected)} where"
-                    f" simulated, {p_text(one.p)} ({p_number(one.p_adjusted)}"
-                    f" Holm-adjusted); residuals by level {p_text(one.level_p)}"
-                    f" ({p_number(one.level_p_adjusted)} Holm-adjusted)."
+                    f" simulated, {p_text(one.p)}"
+                    f"{adjusted(one.p, one.p_adjusted)}; residuals by level {p_text(one.level_p)}"
+                    f"{adjusted(one.level_p, one.level_p_adjusted)}."
                     for one in found.misfits
                 ),
                 *(

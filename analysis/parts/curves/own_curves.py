@@ -186,7 +186,7 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
             sentences=tuple(
                 f"{who}{where}: {label(one.first)} minus {label(one.second)} {_gap(one)},"
                 f" {100 * one.level:g}% limits {size_range((one.lower, one.upper))}, posterior p"
-                f" {p_number(one.p_adjusted)} Holm-adjusted."
+                f" {p_number(one.p_adjusted)}{' Holm-adjusted' * (len(several) > 1)}."
                 for groups, where in (
                     (found.within, ""),
                     (found.stated, f", {at[:1].lower()}{at[1:]}"),
@@ -197,7 +197,9 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
             methods=(
                 "Each participant's psychometric function is the median of a posterior with priors"
                 " on lapses, guesses and overdispersion (Schütt, Harmeling, Macke & Wichmann,"
-                " 2016); thresholds are compared by their posteriors, Holm-adjusted."
+                " 2016); thresholds are compared by their posteriors"
+                + ", Holm-adjusted" * any(len(several) > 1 for several in found.within.values())
+                + "."
             ),
             figures=(
                 people_figure(

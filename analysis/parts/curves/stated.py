@@ -157,7 +157,8 @@ class StatedPart(Part[RatePlan, StatedThresholds]):
             methods=(
                 f"Thresholds at {at} are the levels at which the typical participant of the mixed"
                 f" model, with {widths}, reaches this share; limits by the delta method,"
-                f" {law_of_mixed(scenes=scenes)}; differences are Holm-adjusted."
+                f" {law_of_mixed(scenes=scenes)}"
+                f"{'; differences are Holm-adjusted' * (len(found.contrasts) > 1)}."
             ),
             tables={
                 "stated_thresholds.csv": threshold_lines(found.thresholds),

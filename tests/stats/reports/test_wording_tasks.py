@@ -116,8 +116,8 @@ def test_thresholds_and_critical_scalings_say_model_limits_and_spread():
     assert re.search(r"a 1\d\.\d deg, 95% CI \[\d", text)
     assert "participants x conditions SD" in text
     assert "lapse rate .0" in text
-    flat = replace(model, interaction_sd=1.9e-11, scene_sd=3.6e-12)
-    assert "participants x conditions SD = 0, scenes SD = 0," in apa_thresholds(flat)
+    flat = replace(model, interaction_sd=5.63e-6, scene_sd=3.6e-12)
+    assert "participants x conditions SD = 0.00, scenes SD = 0.00," in apa_thresholds(flat)
 
     match = simulate_abx(TaskDesign(6, 1, 15), {"v1": 0.2}, rng, scalings=[0.06, 0.12, 0.25, 0.5])
     assert "SD of ln s_c" in apa_critical(critical_scaling(match))
