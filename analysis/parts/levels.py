@@ -547,9 +547,10 @@ def _spread(model: ThresholdModel, form: str) -> str:
     """Return deviations within `form`; nothing where they are not identified."""
     if math.isnan(model.participant_sd):
         return ""
-    turned = np.log if model.logarithmic else np.asarray
-    ends = [turned([one.lower, one.upper]).tolist() for one in model.thresholds]
-    known = [(low, high) for low, high in ends if math.isfinite(high - low)]
+    ends = [(one.lower, one.upper) for one in model.thresholds]
+    known = [(low, high) for low, high in ends if low is not None and high is not None]
+    if model.logarithmic:
+        known = [(math.log(low), math.log(high)) for low, high in known if low > 0.0]
     within = min(known, key=lambda one: one[1] - one[0], default=None)
     text = ", ".join(
         f"{name} SD = {number(sd, within=within)}" for name, sd in _deviations(model).items()

@@ -118,6 +118,10 @@ def test_thresholds_and_critical_scalings_say_model_limits_and_spread():
     assert "lapse rate .0" in text
     flat = replace(model, interaction_sd=5.63e-6, scene_sd=3.6e-12)
     assert "participants x conditions SD = 0.00, scenes SD = 0.00," in apa_thresholds(flat)
+    endless = tuple(replace(one, lower=None, upper=None) for one in model.thresholds)
+    assert "participants SD = 0.34," in apa_thresholds(
+        replace(model, thresholds=endless, participant_sd=0.3391)
+    )
 
     match = simulate_abx(TaskDesign(6, 1, 15), {"v1": 0.2}, rng, scalings=[0.06, 0.12, 0.25, 0.5])
     assert "SD of ln s_c" in apa_critical(critical_scaling(match))
