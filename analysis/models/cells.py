@@ -71,7 +71,7 @@ def grid(trials: pd.DataFrame) -> TrialGrid:
 
 
 def one_condition(code: Ints, condition: Ints) -> bool:
-    """Return whether each level of a group (trials,) has one condition: no other differs there."""
+    """Return True if each level of a group (trials,) has one condition: no other differs there."""
     return len(set(zip(code.tolist(), condition.tolist(), strict=True))) == np.unique(code).size
 
 

@@ -92,7 +92,7 @@ def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:
 
 
 ONE_SIDED = 0.1
-"""Who gives less to one side of a contrast, by what goes to the other, is of the other alone."""
+"""Ratio of what a level gives to the sides of a contrast, less by more, up to which it is of one."""
 
 
 @dataclass(frozen=True)

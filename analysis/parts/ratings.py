@@ -301,7 +301,7 @@ def _steps(model: RatingModel) -> list[tuple[str, str]]:
 
 
 def _told(model: RatingModel, often: Sequence[T], text: Callable[[T], str]) -> list[str]:
-    """Return how often each rating was given, or the quartiles where there are many."""
+    """Return counts or shares of the ratings, or the quartiles where there are many."""
     if not _many(model):
         return [text(one) for one in often]
     reached = np.cumsum(np.asarray(often, dtype=np.float64))

@@ -109,7 +109,7 @@ def apa_test(one: Comparison, more: str = "", draws: int = 0) -> str:
 
 
 def adjusted(p: float, p_adjusted: float, more: str = "") -> str:
-    """Return what follows a p in a sentence: `` (.138 Holm-adjusted; more)``.
+    """Return the words after a p in a sentence: `` (.138 Holm-adjusted; more)``.
 
     Without Holm's p where it is the same, as of a comparison that is the only one.
     """

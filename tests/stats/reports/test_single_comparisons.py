@@ -1,4 +1,4 @@
-"""What is printed says no more than there is: no adjustment of one comparison, no degrees of
+"""Reports print no more than there is: no adjustment of one comparison, no degrees of
 freedom without a statistic, no limit beyond what can be, no length below 0.
 """
 
