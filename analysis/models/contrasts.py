@@ -92,7 +92,7 @@ def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:
 
 
 ONE_SIDED = 0.1
-"""Ratio of what a level gives to the sides of a contrast, less by more, up to which it is of one."""
+"""Ratio of what a level gives to both sides, less by more, up to which it is of one side alone."""
 
 
 @dataclass(frozen=True)
