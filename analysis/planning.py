@@ -68,20 +68,25 @@ def _cure(section: Sequential, plan: SequentialPlan, family: FamilyOfTests) -> s
     if stops(last):
         return "leave out [analysis.sequential], and test once, at the end"
     enough = next(people for people in range(last, MOST_UNITS) if stops(people))
-    return f"plan {enough} participants or more (study.participants), or fewer comparisons"
+    fewer = ", or fewer comparisons" * (family.holm and family.count > 1)
+    return (
+        f"plan {enough} participants or more (study.participants){fewer}, and test once, at the end"
+        " (leave out [analysis.sequential])"
+    )
 
 
 def planning_notes(study: StudyProtocol) -> list[str]:
     """Return notes on claims that the planned design can hardly or never show."""
     analysis = study.analysis
     people, families = study.study.participants, analysis_of(analysis.kind).families(study)
+    test = getattr(analysis, "test", None)  # of ratings always about further scenes
+    alone = ', or say test = "participant", which speaks of these alone' * (test is not None)
     scenes = np.unique([cell.scene for cell in study.task.cells(study.pool)]).size
-    whose = getattr(analysis, "test", "participant-scene")
     return [
         *(note for one in families for note in one.hopeless(people, analysis.alpha)),
         *(
-            f'{note}. Show four or more, or say test = "participant", which speaks of these alone'
+            f"{note}. Show four or more{alone}"
             for note in two_scenes(scenes)
-            if whose == "participant-scene"
+            if test in (None, "participant-scene")
         ),
     ]

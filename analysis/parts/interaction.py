@@ -89,7 +89,8 @@ class Interactions:
         Those that the study names: of the primary comparison, Holm-adjusted over the pairs of
         values alone; of right answers all.
     shares, jod : tuple of Interaction
-        All of them, each kind Holm-adjusted together. JOD are of preferences alone.
+        All of them, each kind Holm-adjusted together: of preferences the planned ones by
+        themselves, and the others. JOD are of preferences alone.
     """
 
     factor: str
@@ -146,6 +147,9 @@ class InteractionPart(Part[P, Interactions]):
         draw = partial(
             interaction_plot, rows, title=factor, chance=found.chance, level=plan.confidence
         )
+        over = f"over all shares{' and over all JOD' * bool(found.jod)}"
+        if isinstance(plan, PreferencePlan):
+            over += f", those of {_whose(plan)} by themselves and those of other pairs together"
         scale = ", and distances in JOD by a bootstrap that draws people alike for all values"
         return Presentation(
             lead=(
@@ -175,9 +179,9 @@ class InteractionPart(Part[P, Interactions]):
                     ("p adj.", "n", lambda one: p_number(one.gap.p_adjusted)),
                 ),
                 Paragraph(
-                    "Change: 0 where the factor changes nothing. p adj.: Holm, over all shares"
-                    f"{' and over all JOD' * bool(found.jod)}. That one value has a significant"
-                    " result and another has none does not show that they differ; this test does.",
+                    f"Change: 0 where the factor changes nothing. p adj.: Holm, {over}. That one"
+                    " value has a significant result and another has none does not show that they"
+                    " differ; this test does.",
                     muted=True,
                 ),
                 Cautions("When not to trust these changes", found.notes),
@@ -224,8 +228,8 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
         if not shares:
             raise ValueError(f"no two methods were compared at two values of {plan.interaction}")
         first = _first(plan)
-        planned = _family(_only(shares, first))
-        notes = _notes(sides, _families(_numbers(shares), rows, plan), plan)
+        people = max(pairing_rows(rows, *pair)["participant"].nunique() for pair in shares)
+        notes = _notes(sides, people, _families(_numbers(shares), rows, plan), plan)
         known = [set(plan.compared_at(rows, value)[1]) for value in values]
         methods = [name for name in plan.methods if all(name in some for some in known)]
         jod: dict[Pair, list[Difference]] = {}
@@ -245,9 +249,9 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
             factor="size",
             chance=0.5,
             sides=tuple(sides),
-            planned=(*planned, *_family(_only(jod, first))),
-            shares=_family(shares),
-            jod=_family(jod),
+            planned=(*_family(_only(shares, first)), *_family(_only(jod, first))),
+            shares=_apart(shares, first),
+            jod=_apart(jod, first),
             notes=tuple(notes),
         )
 
@@ -308,6 +312,8 @@ class RateInteraction(InteractionPart[RatePlan]):
         if not found:
             raise ValueError(f"no comparison was shown at two values of {plan.interaction}")
         every = _family(found)
+        who = rows["participant"]
+        people = max(who[rows["condition"].isin(pair)].nunique() for pair in found)
         return Interactions(
             str(plan.interaction),
             plan.chance,
@@ -315,7 +321,7 @@ class RateInteraction(InteractionPart[RatePlan]):
             every,
             every,
             (),
-            tuple(_notes(sides, _families(_numbers(found), rows, plan), plan)),
+            tuple(_notes(sides, people, _families(_numbers(found), rows, plan), plan)),
         )
 
     def at_values(self, cells: pd.DataFrame, plan: RatePlan) -> Mapping[Pair, AtValues]:
@@ -415,6 +421,11 @@ def _first(plan: PreferencePlan) -> Pair:
     return plan.primary[:2] if plan.primary else plan.pairings[0]
 
 
+def _whose(plan: PreferencePlan) -> str:
+    """Return the comparison whose changes are tested by themselves, in words."""
+    return "the primary preference" if plan.primary else " / ".join(map(plan.label, _first(plan)))
+
+
 def _only(found: Mapping[Pair, T], pair: Pair) -> dict[Pair, T]:
     return {pair: found[pair]} if pair in found else {}
 
@@ -432,11 +443,11 @@ def _families(
     if isinstance(plan, RatePlan):
         return found
     first = _first(plan)
-    whose = "the primary preference" if plan.primary else " / ".join(map(plan.label, first))
     if first in changes:
+        others = total - changes[first]
         found = [
-            FamilyOfTests("change", f" of {whose}{of}", changes[first]),
-            *found * (len(changes) > 1),
+            FamilyOfTests("change", f" of {_whose(plan)}{of}", changes[first]),
+            *[FamilyOfTests("change", f" of other pairs{of}", others)] * (others > 0),
         ]
     apart = _scenes_apart(rows, plan)
     in_jod = [replace(one, of=f"{one.of} in JOD", people=False, scenes=apart) for one in found]
@@ -463,12 +474,24 @@ def _family(found: Mapping[Pair, Iterable[Difference]]) -> tuple[Interaction, ..
     )
 
 
+def _apart(found: Mapping[Pair, Sequence[Difference]], first: Pair) -> tuple[Interaction, ...]:
+    """Return differences, those of the planned comparison Holm-adjusted by themselves."""
+    others = {pair: several for pair, several in found.items() if pair != first}
+    return (*_family(_only(found, first)), *_family(others))
+
+
 def _notes(
-    sides: Sequence[Side], families: Sequence[FamilyOfTests], plan: PreferencePlan | RatePlan
+    sides: Sequence[Side],
+    people: int,
+    families: Sequence[FamilyOfTests],
+    plan: PreferencePlan | RatePlan,
 ) -> list[str]:
-    """Return notes on what few people cannot show of these changes, and few scenes hardly tell."""
-    fewest, most = min(one.scenes for one in sides), max(one.participants for one in sides)
-    found = [note for one in families for note in one.hopeless(most, plan.alpha)]
+    """Return notes on what few people cannot show of these changes, and few scenes hardly tell.
+
+    `people` is the largest number of whom a change tells, at either of its values.
+    """
+    fewest = min(one.scenes for one in sides)
+    found = [note for one in families for note in one.hopeless(people, plan.alpha)]
     if fewest == 1:
         found.append("one scene at some value: the change is about these scenes")
     elif fewest < FEW_SCENES:

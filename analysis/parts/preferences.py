@@ -277,7 +277,7 @@ def apa_preference(cell: Preference, plan: PreferencePlan, *, adjusted: bool) ->
 
 def _methods(plan: PreferencePlan) -> str:
     text = (
-        f"They are two-alternative forced choices comparing {len(plan.methods)} methods"
+        f"Decisions are two-alternative forced choices comparing {len(plan.methods)} methods"
         f" ({', '.join(map(plan.label, plan.methods))})"
     )
     if plan.sized:

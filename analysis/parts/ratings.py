@@ -223,7 +223,7 @@ def _methods(found: RatingResults, plan: RatingPlan) -> str:
     corrected = "Holm-adjusted" if plan.correction == "holm" else "not adjusted"
     over = f", {corrected} over {count} comparisons" * (count > 1)
     return (
-        f"They are {kind} on {len(model.categories)} categories, analysed by a cumulative-link"
+        f"Answers are {kind} on {len(model.categories)} categories, analysed by a cumulative-link"
         f" mixed model ({model.link}; McCullagh, 1980; Laplace approximation), random over"
         f" {', '.join(model.sd)}. Differences were tested by likelihood ratios, beside Wald's"
         f" statistics and limits, with {law} degrees of freedom, two-sided, alpha ="

@@ -93,7 +93,7 @@ def sequential(
             )
             found.append(sequential_error(plan, p))
     nothing, something = found
-    taken = ", ".join(f"{name} {value:g}" for name, value in assumed.items())
+    taken = ", ".join(f"{name} {value:g}" for name, value in assumed.items() if not np.isnan(value))
     title = (
         f"{plan.rule}, {len(plan.looks)} looks; {nothing.studies} simulated studies; {taken};"
         f" alpha {plan.alpha:g}"

@@ -131,7 +131,7 @@ SAID = {
         "section": "preference",
         "caption": "Every comparison, p by",
         "sentence": "Primary comparison: ours was chosen over blur",
-        "methods": "They are two-alternative forced choices comparing 3 methods",
+        "methods": "Decisions are two-alternative forced choices comparing 3 methods",
         "tables": {"preferences.csv", "shares.csv"},
         "figure": "preference",
     },

@@ -42,6 +42,11 @@ def pairs(rng, *, people=10, scenes=6, repeats=2, apart=False, large=1.0, own=0.
     return pd.DataFrame(rows, columns=["participant", "scene", "size", "first", "second", "chosen"])
 
 
+def decided(table):
+    other = table["first"].where(table["chosen"] == table["second"], table["second"])
+    return table.assign(rejected=other)
+
+
 def events(table):
     rows = checked(table, ())
     chose = (rows["chosen"] == "ours").astype(int)
@@ -226,3 +231,36 @@ def test_a_box_that_leaves_planned_changes_out_says_how_many():
 
     assert str(box).count("ours / blur: ") == 6
     assert "6 more are below." in str(box)
+
+
+def test_planned_changes_are_adjusted_by_themselves_in_table_and_sentences_too(rng):
+    """The preregistration says so, and the box: a second p of the same change contradicts it."""
+    rows = [pairs(rng, people=7, scenes=3)]
+    rows += [rows[0].replace("blur", name) for name in ("none", "most")]
+    table = pd.concat(rows, ignore_index=True)
+    settings = PreferenceTableSettings(interaction="size", primary="ours/blur")
+    plan = analysis_of("preference").settings_of_table(table, "rows", settings)
+    found = PreferenceInteraction().compute(decided(table), plan, {}, np.random.default_rng(0))
+    planned, *others = found.shares
+
+    assert (planned.first, planned.second) == ("ours", "blur")
+    assert planned.gap.p_adjusted == planned.gap.p
+    assert [one.gap for one in found.planned] == [planned.gap, found.jod[0].gap]
+    assert len(others) == 2
+    assert all(one.gap.p_adjusted == pytest.approx(min(1, 2 * one.gap.p)) for one in others)
+    sentence, *_ = PreferenceInteraction().show(found, plan).sentences
+    assert "Holm" not in sentence
+
+
+def test_groups_of_people_at_one_size_each_are_counted_together(rng):
+    """Five people a size are ten of whom the change tells, whose p is held at 2/2^10."""
+    table = decided(pairs(rng, people=10, large=4.0))
+    late = table["participant"] >= "P5"
+    table = table[late == (table["size"] == "large")].reset_index(drop=True)
+    plan = analysis_of("preference").settings_of_table(
+        table, "rows", PreferenceTableSettings(interaction="size")
+    )
+    found = PreferenceInteraction().compute(table, plan, {}, np.random.default_rng(0))
+
+    assert found.planned[0].gap.p < 0.05
+    assert not [note for note in found.notes if "cannot be significant" in note]

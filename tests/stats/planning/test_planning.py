@@ -63,6 +63,7 @@ def test_looks_that_can_never_stop_have_a_cure_that_works(tmp_path, looks, rule,
         study = load_protocol(written(tmp_path, looks, looks[-1], name=name))
         first, *_ = analysis_of(study.analysis.kind).families(study)
         assert first.least_p(int(enough[1])) <= study.analysis.alpha
+        assert "leave out [analysis.sequential]" in problem  # no first look of so many can stop it
         return
     (cure,) = re.findall(r"say looks = \[(.*?)\]", problem)
     better = tuple(map(int, cure.split(",")))
@@ -122,7 +123,7 @@ def test_a_family_needs_as_many_participants_as_are_said():
     )
 
 
-def test_planning_says_what_two_scenes_and_small_families_cannot_show():
+def test_planning_says_what_two_scenes_and_small_families_cannot_show(tmp_path):
     study = load_protocol(Path("demo"))
     participant = study.model_copy(
         update={"analysis": study.analysis.model_copy(update={"test": "participant"})}
@@ -132,6 +133,9 @@ def test_planning_says_what_two_scenes_and_small_families_cannot_show():
     assert [" ".join(note.split()[:2]) for note in planning_notes(study)] == [*few, "two scenes"]
     assert [" ".join(note.split()[:2]) for note in planning_notes(participant)] == few
     assert planning_notes(load_protocol(Path("inpainting-2afc"))) == []
+    run("new-study", tmp_path / "rating", "--task", "rating")
+    ratings = load_protocol(tmp_path / "rating" / "study.toml")
+    assert planning_notes(ratings)[-1].endswith("Show four or more")  # they have no other test
     said = " ".join(run("protocol", "check", "demo").output.split())
     assert "note: two scenes show hardly anything" in said
 
@@ -160,7 +164,7 @@ def test_each_part_that_plans_a_test_names_its_families(kind):
 
 
 def test_changes_with_size_that_can_never_be_significant_are_said_in_every_text(tmp_path):
-    """Eight people show no p below 2/2^8 = .0078; Holm times 3 pairings x 3 pairs of sizes: .07."""
+    """Seven people show no p below 2/2^7 = .0156; Holm times 2 pairings x 3 pairs of sizes: .09."""
     sizes = ("s", "m", "l")
     plan = analysis_of("preference").settings(load_protocol(Path("inpainting-2afc")))
     scenes = plan.comparisons[0].scenes
@@ -170,19 +174,19 @@ def test_changes_with_size_that_can_never_be_significant_are_said_in_every_text(
     families = Choices(plan, analysis_of("preference").parts).families()
     own = [one for one in families if one.noun == "change"]
 
-    assert [one.count for one in own] == [3, 9]
-    assert [len(one.hopeless(8, 0.05)) for one in own] == [0, 1]
-    assert [len(one.hopeless(9, 0.05)) for one in own] == [0, 0]
-    (said,) = own[1].hopeless(8, 0.05)
+    assert [one.count for one in own] == [3, 6]
+    assert [len(one.hopeless(7, 0.05)) for one in own] == [0, 1]
+    assert [len(one.hopeless(8, 0.05)) for one in own] == [0, 0]
+    (said,) = own[1].hopeless(7, 0.05)
     assert said == (
-        "none of 9 changes with size can be significant after Holm's adjustment:"
-        " 8 participants can show no p below 0.0078; that takes 9 participants, or fewer changes"
+        "none of 6 changes of other pairs with size can be significant after Holm's adjustment:"
+        " 7 participants can show no p below 0.016; that takes 8 participants, or fewer changes"
     )
 
     study = planned_by(load_protocol(Path("demo")), interaction="size")
     first, every = (note for note in planning_notes(study) if "with size" in note)
     assert first.startswith("the change of the primary preference with size cannot be significant")
-    assert every.startswith("none of 3 changes with size")
+    assert every.startswith("none of 2 changes of other pairs with size")
     file = tmp_path / "study.toml"
     file.write_text(
         TEXTS["demo"].replace(

@@ -397,3 +397,5 @@ def test_several_comparisons_without_correction_are_why_looks_err(tmp_path):
     result = run("sequential", file, "--studies", 100)
 
     assert 'each comparison is judged by itself (correction = "none")' in result.output
+    assert "difference 0.5" in result.output
+    assert "nan" not in result.output  # of assumptions that are not made
