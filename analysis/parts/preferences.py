@@ -120,9 +120,12 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
                 notes.append(f"the primary comparison ({method} with {against}) has no decisions")
             else:
                 primary = preference(rows, *plan.primary, **how)
-        people = max(cell.answers.participants for cell in cells.cells)
-        for family in _families(primary is not None, len(cells.cells), plan):
-            notes += family.hopeless(people, plan.alpha)
+        people = [max(cell.answers.participants for cell in cells.cells)]
+        if primary is not None:  # of all sizes, whoever saw which
+            people = [primary.answers.participants, *people]
+        families = _families(primary is not None, len(cells.cells), plan)
+        for family, those in zip(families, people, strict=False):
+            notes += family.hopeless(those, plan.alpha)
         return PreferenceResults(
             primary,
             cells,

@@ -1,7 +1,6 @@
 """Settings of the analysis of ratings."""
 
 from collections.abc import Sequence
-from typing import Literal
 
 import pandas as pd
 
@@ -19,7 +18,6 @@ class RatingPlan(RatingsAnalysis, AnalysisPlan):
     by: str = ""
     scale: tuple[str, ...] = ()
     """Ratings from the lowest; empty: they are numbers."""
-    reaction: Literal["models"] = "models"
 
     @property
     def counted(self) -> str:
@@ -61,7 +59,6 @@ def from_protocol(study: StudyProtocol) -> RatingPlan:
         title=study.study.title,
         protocol_sha256=study.sha256,
         scale=task.scale,
-        reaction="models",
     )
 
 

@@ -115,17 +115,21 @@ def _overview(protocol: StudyProtocol) -> Section:
 
 def _sample(protocol: StudyProtocol, why: str | None, power: Mapping[str, Any] | None) -> Section:
     """Section on participants: how many, why so many, and when collection ends."""
-    looks = (
-        "It may end earlier, by the planned looks that the section on analysis states."
-        if _looks(protocol)
-        else "The planned test is run once, after the last participant; no earlier looks are"
-        " planned."
+    left, looks = (
+        " and are left after the exclusions",  # as the report counts who is looked at
+        "It may end earlier, by the planned looks that the section on analysis states.",
     )
+    if not _looks(protocol):
+        left, looks = (
+            "",
+            "The planned test is run once, after the last participant; no earlier looks are"
+            " planned.",
+        )
     return Section.of(
         "Participants",
         [
             f"Planned participants: {protocol.study.participants}. Collection ends when this"
-            " many have completed their session.",
+            f" many have completed their session{left}.",
             looks,
             f"Reason for this number: {why}"
             if why

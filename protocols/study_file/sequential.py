@@ -36,7 +36,8 @@ class Sequential(Model):
 
     def plain_sentences(self, alpha: float, judged: str) -> list[str]:
         """Return the rule in sentences, for a preregistration; `judged` says which p."""
-        looks = f"{', '.join(map(str, self.looks))} participants, by its p, {judged}"
+        people = f"{', '.join(map(str, self.looks))} participants"
+        looks = f"{people} left after exclusions, by its p, {judged}"
         if self.rule == "bayes-factor":
             return [
                 f"The planned test is looked at with {looks}. The study stops where its"

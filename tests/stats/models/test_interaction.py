@@ -16,6 +16,7 @@ from analysis.models.clustered import two_way_difference
 from analysis.models.contrasts import Difference
 from analysis.models.second_factor import jod_interactions, share_interactions
 from analysis.parts.interaction import Interaction, Interactions, PreferenceInteraction
+from analysis.parts.preferences import PreferencesPart
 from analysis.plans.table_settings import PreferenceTableSettings
 from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
@@ -253,14 +254,17 @@ def test_planned_changes_are_adjusted_by_themselves_in_table_and_sentences_too(r
 
 
 def test_groups_of_people_at_one_size_each_are_counted_together(rng):
-    """Five people a size are ten of whom the change tells, whose p is held at 2/2^10."""
+    """Five people a size are ten of whom primary and change tell, whose p are held at 2/2^10."""
     table = decided(pairs(rng, people=10, large=4.0))
     late = table["participant"] >= "P5"
     table = table[late == (table["size"] == "large")].reset_index(drop=True)
     plan = analysis_of("preference").settings_of_table(
-        table, "rows", PreferenceTableSettings(interaction="size")
+        table, "rows", PreferenceTableSettings(interaction="size", primary="ours/blur")
     )
     found = PreferenceInteraction().compute(table, plan, {}, np.random.default_rng(0))
+    shares = PreferencesPart().of(table, plan)
 
     assert found.planned[0].gap.p < 0.05
-    assert not [note for note in found.notes if "cannot be significant" in note]
+    assert shares.primary.answers.participants == 10
+    assert not [note for note in (*found.notes, *shares.notes) if "cannot be significant" in note]
+    assert any("none of 2 comparisons can be significant" in note for note in shares.notes)

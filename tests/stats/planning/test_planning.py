@@ -333,3 +333,14 @@ def test_right_answers_whose_power_is_known_have_a_planned_p_at_a_look(name, tmp
         (test,) = (tests[""]() for tests in told if "" in tests)
         assert [p for p in planned if p is not None] == [pytest.approx(float(test.item()))]
         assert study.analysis.judged(study.task, study.pool) == "that of d' against 0"
+
+
+def test_a_study_of_ratings_tests_times_only_where_it_says_so(tmp_path):
+    run("new-study", tmp_path / "rating", "--task", "rating")
+    study = load_protocol(tmp_path / "rating" / "study.toml")
+    analysis = analysis_of("ratings")
+    for reaction in ("summary", "models"):
+        planned = planned_by(study, reaction=reaction)
+        nouns = [one.noun for one in analysis.families(planned)]
+        assert analysis.settings(planned).reaction == reaction
+        assert ("ratio" in " ".join(nouns)) == (reaction == "models")

@@ -37,7 +37,7 @@ from analysis.report.write_report import report_sessions
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.load import load_protocol
-from protocols.study_file.preregister import _analysis, to_markdown
+from protocols.study_file.preregister import _analysis, _sample, to_markdown
 from protocols.study_file.sequential import Sequential
 from study_app.cli import app
 
@@ -386,7 +386,13 @@ def test_a_look_at_preferences_judges_the_primary_comparison_alone(demo_protocol
     for correction in ("holm", "none"):
         study = with_rules(demo_protocol, correction=correction)
         study = with_looks(study, rule="bayes-factor", looks=(8, 16))
-        assert "that of the primary comparison, not adjusted" in preregistration_text(study)
+        said = preregistration_text(study)
+        assert "that of the primary comparison, not adjusted" in said
+        # A look counts those whom the exclusions leave, and so does the end.
+        ends = to_markdown("t", [_sample(study, None, None)])
+        assert "completed their session and are left after the exclusions" in ends
+        assert "looked at with 8, 16 participants left after exclusions" in said
+    assert "are left after" not in to_markdown("t", [_sample(demo_protocol, None, None)])
 
 
 def test_several_comparisons_without_correction_are_why_looks_err(tmp_path):
