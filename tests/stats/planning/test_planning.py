@@ -289,7 +289,7 @@ def test_a_test_against_chance_needs_fewer_people_where_guessing_is_rarer():
 
 def test_draws_of_a_bootstrap_that_are_too_few_are_said_with_a_cure_that_works(tmp_path):
     """19 draws show no p below 1/20 = .05, which is not below alpha."""
-    study = case_study(tmp_path, "rating", 6)
+    study = planned_by(case_study(tmp_path, "rating", 6), reaction="models")
     few = planning_notes(planned_by(study, bootstrap_draws=19))
 
     assert [note.split(" cannot")[0] for note in few] == [
