@@ -165,7 +165,7 @@ def test_exports_hold_confidence_and_say_what_it_is(load, tmp_path, form):
     heads = [p.read_text().splitlines()[0] for p in found]
     assert any(re.search(r"\bconfidence\b", h) and "confidence_rt_s" in h for h in heads)
     docs = "".join(p.read_text() for p in (tmp_path / form).rglob("*.json"))
-    assert "How sure of the answer, in steps from 1, the least" in docs
+    assert "Confidence in the answer, in steps from 1, the least" in docs
     if form == "bids":
         events = next(p for p in found if p.name.endswith("_events.tsv")).read_text().splitlines()
         place = events[0].split("\t").index("response_time")
