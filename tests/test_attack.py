@@ -93,6 +93,7 @@ def test_a_number_of_400_digits_in_a_table_of_stimuli_is_text(tmp_path):
     assert row["condition"] == {"scene": "one", "level": "9" * 400}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", bombs.QUICK)
 def test_a_small_file_takes_no_machine(tmp_path, name):
     bomb = next(bomb for bomb in bombs.BOMBS if bomb.name == name)
@@ -191,6 +192,7 @@ out = pathlib.Path(sys.argv[-2]).resolve()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("place", "harm", "found"),
     [

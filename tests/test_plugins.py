@@ -43,6 +43,7 @@ def test_a_labs_method_and_metric_are_listed_with_their_package(with_packages, l
         assert name in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("entry_points", "words", "message"),
     [

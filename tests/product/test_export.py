@@ -87,6 +87,7 @@ def exported(recorded_once, tmp_path_factory):
 # --- all forms -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["bids", "psych-ds", "pwcmp"])
 @pytest.mark.parametrize("public", [False, True])
 def test_equal_sessions_give_equal_bytes_and_journals_stay(

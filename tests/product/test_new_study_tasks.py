@@ -162,6 +162,7 @@ def test_the_examples_of_adaptive_levels_are_valid_and_run(
     assert all(attempt.track for attempt in decided)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["two-interval", "two-alternative"])
 def test_the_example_of_active_pairs_is_valid_and_runs(metamerlab, made, tmp_path, task):
     path = made(task)

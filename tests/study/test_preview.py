@@ -118,6 +118,7 @@ def test_what_a_phase_draws_is_where_the_presenter_draws_it(page):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["beyond-blur-detection", "critical-scaling", "inpainting-2afc"])
 def test_other_tasks_have_a_preview(name):
     study, display = load_study(shipped("studies")[name], None)

@@ -134,6 +134,7 @@ def test_a_shipped_study_is_in_order(name):
     assert result.stdout.startswith(f"{name}: in order.")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(shipped("studies")))
 def test_show_prints_trials_duration_memory_and_every_display(name):
     result = metamerlab("protocol", "show", name, "--slot", "1")

@@ -224,6 +224,7 @@ def effects(rng, design, spread):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spread", SPREADS)
 @pytest.mark.parametrize(("d_prime", "criterion"), [(0.0, 0.0), (1.0, 0.5), (2.0, 0.3)])
 def test_d_prime_and_criterion_cover_and_differences_keep_their_level(

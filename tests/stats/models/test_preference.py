@@ -76,6 +76,7 @@ def scattered(counts: list[int], scenes: int = 6, repeats: int = 2) -> np.ndarra
     return cells
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("test", ["participant-scene", "participant", "pooled"])
 @pytest.mark.parametrize("design", [(11, 6, 2), (6, 3, 2), (5, 4, 2), (30, 8, 1)])
 def test_p_is_small_exactly_where_the_limits_leave_out_one_half(rng, test, design):

@@ -44,6 +44,7 @@ def simulation_of(name: str):
     return analysis_of(study.analysis.kind).simulation(study)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BEFORE)
 def test_power_is_what_it_was_within_chance(name, rng, full):
     """Within 4.5 errors of both simulations; the error of a share of 0 is that of half a study."""
@@ -61,6 +62,7 @@ def test_power_is_what_it_was_within_chance(name, rng, full):
         assert np.all(np.abs(now - was) < 4.5 * error), (figure, was, now)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "how"),
     [

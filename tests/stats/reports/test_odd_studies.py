@@ -83,9 +83,11 @@ def not_finite(value: object, path: str = "") -> Iterator[str]:
         yield from [path] * (not path.startswith(WITHHELD))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(
+    "seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(5, 20))]
+)
 def test_every_number_of_an_odd_study_is_finite(seed, proof_count, monkeypatch):
-    """Twenty studies by default, ten times as many with --full; warnings are errors."""
+    """Five studies, twenty with --slow, ten times as many with --full; warnings are errors."""
     monkeypatch.setattr("analysis.parts.scale.BOOTSTRAP_SAMPLES", 60)
     for number in range(proof_count(10)):
         table = odd_study(seed + 20 * number)

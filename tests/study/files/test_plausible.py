@@ -166,6 +166,7 @@ def changed(value: object, place: tuple, number: float) -> object:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "read"),
     [
