@@ -149,7 +149,7 @@ class LearningPart(Part[P, Learning]):
 
 
 def apa_trend(found: Trend) -> str:
-    """Return True if an outcome changed over the session as a sentence."""
+    """Return a sentence on the change of an outcome over the session."""
     if math.isnan(found.p):
         return f"Whether {found.outcome} changed over the session is {NOT_IDENTIFIED}."
     test = "sign-flip test" if math.isnan(found.t) else t_text(found.t, found.df)

@@ -50,7 +50,7 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
         self._of = of
 
     def wanted(self, table: pd.DataFrame, plan: P) -> bool:
-        """Return True if the models are."""
+        """Return True if the models are asked for."""
         return self._of.wanted(table, plan)
 
     @abstractmethod

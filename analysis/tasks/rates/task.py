@@ -100,7 +100,7 @@ class RatesTask(TaskAnalysis[RatePlan]):
         return as_decisions(found.drop(columns=renamed, errors="ignore"))
 
     def table_notes(self, decisions: pd.DataFrame, settings: RatePlan) -> Sequence[str]:
-        """Return True if answers are below guessing, or get worse where they should not."""
+        """Return notes on answers below guessing, or that get worse where they should not."""
         return odd_answers(prepared(decisions, settings), settings)
 
     def check_table(self, path: Path, decisions: pd.DataFrame, settings: RatePlan) -> None:
