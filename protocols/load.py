@@ -17,6 +17,7 @@ from protocols.disk.hashing import sha256_bytes
 from protocols.disk.read_file import decode_utf8, read_bytes
 from protocols.display import Display
 from protocols.errors import Problem, StudyError, did_you_mean, refuse_format_1
+from protocols.gone import gone, without_gone
 from protocols.limits import FIXED
 from protocols.outside import CONTROL, reading
 from protocols.recipes.base import Recipe
@@ -38,13 +39,16 @@ _LONG_KEY = re.compile(
 _RECIPE: TypeAdapter[Any] = TypeAdapter(AnyRecipe)
 
 
-def load_protocol(path: Path) -> StudyProtocol:
+def load_protocol(path: Path, *, recorded: bool = False) -> StudyProtocol:
     """Read a study protocol.
 
     Parameters
     ----------
     path : Path
         A TOML file. The name of a study that comes with metamerlab (`demo`) is also taken.
+    recorded : bool
+        True where the study is that of recorded sessions: keys that were removed since are
+        ignored, and `StudyProtocol.gone_notes` says so. A new study is refused for them.
 
     Raises
     ------
@@ -53,7 +57,8 @@ def load_protocol(path: Path) -> StudyProtocol:
     """
     path = _shipped(path, "studies")
     raw = read_toml(path)
-    return _with_secret(protocol_of(raw, path), path.with_suffix(SECRET_SUFFIX))
+    study = protocol_of(raw, path, recorded=recorded)
+    return _with_secret(study, path.with_suffix(SECRET_SUFFIX))
 
 
 def control_characters(value: object, place: str = "") -> Iterator[Problem]:
@@ -87,8 +92,10 @@ def _with_secret(study: StudyProtocol, path: Path) -> StudyProtocol:
     return study.with_secret(secret)
 
 
-def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
+def protocol_of(raw: dict[str, Any], path: Path, *, recorded: bool = False) -> StudyProtocol:
     """Return the study that a parsed file says; `path` is for messages and tables.
+
+    `recorded` is as in `load_protocol`.
 
     Raises
     ------
@@ -113,10 +120,15 @@ def protocol_of(raw: dict[str, object], path: Path) -> StudyProtocol:
         problems += control_characters(raw)
     if problems:
         raise _study_error(path, problems)
+    raw, said = without_gone(raw)
+    refused = [] if recorded else [Problem(place, f"{gone(place)}. Delete it") for place in said]
     try:
-        return StudyProtocol.model_validate(raw)
+        study = StudyProtocol.model_validate(raw)
+        if refused:
+            raise _study_error(path, refused)
+        return study.with_gone(said) if said else study
     except ValidationError as error:
-        problems = _one_kind(raw, problems_of(error, raw, StudyProtocol))
+        problems = [*refused, *_one_kind(raw, problems_of(error, raw, StudyProtocol))]
         for problem in problems_between(_valid_sections(raw)):
             if problem not in problems:
                 problems.append(problem)
@@ -172,15 +184,19 @@ def load_display(name_or_path: str, beside: Path | None = None) -> Display:
     return load_toml(_shipped(path, "displays"), Display)
 
 
-def load_study(path: Path, display: str | None = None) -> tuple[StudyProtocol, Display]:
+def load_study(
+    path: Path, display: str | None = None, *, recorded: bool = False
+) -> tuple[StudyProtocol, Display]:
     """Read a protocol and its display, or `display` in that one's place.
+
+    `recorded` is as in `load_protocol`.
 
     Raises
     ------
     StudyError
         As `load_protocol` and `load_display`.
     """
-    protocol = load_protocol(path)
+    protocol = load_protocol(path, recorded=recorded)
     named = protocol.display.display if display is None else display
     return protocol, load_display(named, beside=path)
 

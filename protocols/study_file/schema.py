@@ -14,6 +14,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from protocols.columns import COMMON_COLUMNS
 from protocols.disk.hashing import sha256_bytes, sha256_json
 from protocols.errors import Problem, StudyError
+from protocols.gone import as_hashed, gone
 from protocols.plugins import culprit
 from protocols.pool import Pool
 from protocols.recipes.base import Recipe
@@ -81,6 +82,7 @@ class StudyProtocol(ExtendedModel):
     """Settings for a browser. Default: at the desk only."""
     _secret: str | None = PrivateAttr(default=None)
     _order_seed: int | None = PrivateAttr(default=None)
+    _gone: dict[str, Any] = PrivateAttr(default_factory=dict)
 
     @model_validator(mode="after")
     def _sections_agree(self) -> StudyProtocol:
@@ -98,8 +100,18 @@ class StudyProtocol(ExtendedModel):
 
     @property
     def sha256(self) -> str:
-        """Hash of everything the protocol says."""
-        return sha256_json(without_nothing(self.model_dump(mode="json")))
+        """Hash of everything the protocol says, and said in keys that were removed since."""
+        plain = without_nothing(self.model_dump(mode="json"))
+        for place, value in self._gone.items():
+            section, _, key = place.partition(".")
+            if (hashed := as_hashed(place, value)) is not None:
+                plain[section][key] = hashed
+        return sha256_json(plain)
+
+    @property
+    def gone_notes(self) -> list[str]:
+        """Sentences on keys of a recorded study that were removed since, and are ignored."""
+        return [f"{place} is ignored: it {gone(place)}" for place in self._gone]
 
     @property
     def order_seed(self) -> int:
@@ -127,6 +139,12 @@ class StudyProtocol(ExtendedModel):
         """Return the same study with its secret at hand."""
         copy = self.model_copy()
         copy._secret = secret
+        return copy
+
+    def with_gone(self, said: dict[str, Any]) -> StudyProtocol:
+        """Return the same study with what its removed keys said, by dotted place."""
+        copy = self.model_copy()
+        copy._gone = said
         return copy
 
     def ordered_by(self, seed: int) -> StudyProtocol:

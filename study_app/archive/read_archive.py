@@ -306,7 +306,8 @@ def _as_folder(path: Path, archive: zipfile.ZipFile) -> Path:
 def _of_study(folder: Path, index: Index) -> tuple[list[str], tuple[str, ...], int]:
     """Return the faults of protocol, sessions and clips as they were unpacked."""
     problems, notes = [], []
-    study = load_protocol(folder / index.protocol)
+    study = load_protocol(folder / index.protocol, recorded=True)
+    notes += study.gone_notes
     if study.sha256 != index.protocol_sha256:
         problems.append(f"{index.protocol} says something else than it did")
     secret = (folder / index.protocol).with_suffix(SECRET_SUFFIX)

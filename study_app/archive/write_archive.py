@@ -77,7 +77,7 @@ def write_archive(
     path = wanted.protocol if wanted.protocol.exists() else shipped("studies").get(
         str(wanted.protocol), wanted.protocol
     )  # fmt: skip
-    protocol = load_protocol(path)
+    protocol = load_protocol(path, recorded=True)
     members = list(_members(wanted, path, protocol))
     with _appearing(out) as final, _plain(final, wanted.encrypted) as file:
         entries = _pack(file, members, progress)

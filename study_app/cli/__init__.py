@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.errors import notes_printed
+from protocols.errors import StudyError
+from protocols.gone import gone_from_command
 from protocols.limits import check_limits_variable
 from study_app.cli.complete import completing
 from study_app.cli.error_messages import user_errors
@@ -69,8 +71,11 @@ class _FrontDoor(LazyGroup):
     slots = SLOTS
 
     def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
-        """Read old spellings as those of today."""
+        """Read old spellings as those of today, and refuse what was removed."""
         completing(self)
+        if message := gone_from_command(args):
+            with user_errors():
+                raise StudyError(message)
         for command, today in _OLD_SPELLINGS.items():
             if tuple(args[: len(command)]) == command:
                 parts = [arg.partition("=") for arg in args]

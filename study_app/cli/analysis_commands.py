@@ -24,6 +24,7 @@ from study_app.cli.options import (
     ReplaceOption,
     SessionsArgument,
     SessionsProtocolOption,
+    recorded_protocol,
 )
 from study_app.cli.progress import one_line
 from study_app.cli.sequential_command import register as register_sequential
@@ -108,9 +109,8 @@ def report(
     """
     from analysis.report.report_source import TableSettings
     from analysis.report.write_report import report_decisions, report_sessions
-    from protocols.load import load_protocol
 
-    study = load_protocol(protocol) if protocol else None
+    study = recorded_protocol(protocol) if protocol else None
     with one_line() as progress:
         if sessions.suffix.lower() in (".csv", ".tsv", ".xlsx") and not sessions.is_dir():
             made = report_decisions(
@@ -168,9 +168,8 @@ def tidy(
     from analysis.tasks.note import write_note
     from analysis.tidy import read_sessions, write_tables
     from protocols.disk.result_folder import whole_folder
-    from protocols.load import load_protocol
 
-    study = load_protocol(protocol)
+    study = recorded_protocol(protocol)
     with (
         one_line() as progress,
         whole_folder(out, replace=replace, reads=[sessions]) as work,

@@ -13,6 +13,7 @@ from study_app.cli.options import (
     SessionsArgument,
     SessionsProtocolOption,
     one_of,
+    recorded_protocol,
 )
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import say, say_notes
@@ -66,9 +67,9 @@ def export(
         metamerlab analysis export sessions --protocol demo --format pwcmp --out pwcmp
     """
     from analysis.export.write_export import export_study
-    from protocols.load import load_display, load_protocol
+    from protocols.load import load_display
 
-    study = load_protocol(protocol)
+    study = recorded_protocol(protocol)
     chosen = one_of("--format", form, FORMATS)
     eye = one_of("--recorded-eye", content.recorded_eye, EYES)
     names = content.display or ([study.display.display] if chosen == "bids" else [])

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
 from protocols.errors import StudyError, must_be_one_of
+from study_app.cli.terminal import say_notes
+
+if TYPE_CHECKING:
+    from protocols.study_file.schema import StudyProtocol
 
 SESSIONS_PROTOCOL_HELP = "File of the study that was run (.toml), or a shipped study's name."
 
@@ -46,6 +50,21 @@ def one_of(option: str, text: str, known: Collection[T]) -> T:
         if name == text:
             return name
     raise StudyError(must_be_one_of(f"{option}:", text, known))
+
+
+def recorded_protocol(path: Path) -> StudyProtocol:
+    """Return the study of recorded sessions, and say which of its keys were removed since.
+
+    Raises
+    ------
+    StudyError
+        As `load_protocol`.
+    """
+    from protocols.load import load_protocol
+
+    study = load_protocol(path, recorded=True)
+    say_notes(f"{path}: {note}" for note in study.gone_notes)
+    return study
 
 
 def unknown_numbers(given: list[str] | None) -> tuple[float, ...] | None:

@@ -122,7 +122,7 @@ def _labels(protocol: Path | None, manifest: Manifest) -> dict[str, str]:
         found = load_protocol(Path(study))
         same = found.stimuli_sha256 == manifest.stimuli_sha256
         return dict(found.stimuli.labels()) if same else {}
-    found = load_protocol(protocol)
+    found = load_protocol(protocol, recorded=True)
     if found.study.name != study:
         raise StudyError(
             f"--protocol: must be the study of the clips, {study!r} (got {found.study.name!r})"

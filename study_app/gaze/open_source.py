@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from protocols.errors import StudyError, did_you_mean
+from protocols.gone import gone
 from protocols.plugins import misfit, registered, taking
 from protocols.study_file.session_schema import Gaze
 from study_app.gaze.eyelink import EyelinkGaze
@@ -83,6 +84,8 @@ def check_kind(specification: str) -> str:
     """
     kind = specification.partition(":")[0]
     if kind not in ADAPTERS:
+        if message := gone(f"--gaze {kind}"):
+            raise StudyError(f"--gaze {kind} {message}")
         raise StudyError(
             f"--gaze: must be one of {', '.join(ADAPTERS)} (got {specification!r})"
             f"{did_you_mean(kind, ADAPTERS)}"

@@ -92,7 +92,7 @@ def figure(
     is_study = source.suffix == ".toml"
     clips = source.parent / "clips" if is_study else source
     study = source if is_study else protocol
-    labels = {} if study is None else dict(load_protocol(study).stimuli.labels())
+    labels = {} if study is None else dict(load_protocol(study, recorded=True).stimuli.labels())
     manifest = read_manifest(clips)
     chosen, rows = rows_of(
         clips,

@@ -33,7 +33,7 @@ def open_drawer(protocol: Path, display: str | None, stimuli: Path) -> Iterator[
     StudyError, GLUnavailableError
         If nothing of the study follows the gaze, its stimuli are not there, or nothing draws here.
     """
-    study, screen = load_study(protocol, display)
+    study, screen = load_study(protocol, display, recorded=True)
     if not study.stimuli.follows_gaze:
         raise StudyError(
             f"--render: the stimuli of {study.study.name!r} must follow the gaze (they were hashed"

@@ -16,13 +16,13 @@ from rich.table import Table
 from protocols.errors import StudyError
 from protocols.journal import SessionEnd
 from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
-from protocols.load import load_protocol
 from protocols.prose import count_of
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
     DisplayOption,
     SessionArgument,
     SessionsOption,
+    recorded_protocol,
 )
 from study_app.cli.sessions.archive_commands import IdentityOption, is_archive, verify_archive
 from study_app.cli.terminal import PlainConsole, say, table_of
@@ -136,7 +136,7 @@ def verify(
                 )
             verify_archive(sessions, identity)
             return
-        study = load_protocol(protocol) if protocol else None
+        study = recorded_protocol(protocol) if protocol else None
         paths = find_journals(sessions)
         if not paths:
             raise StudyError(

@@ -72,8 +72,8 @@ class SessionArguments:
     seed: Annotated[int, typer.Option(min=0)] = 0
     """Seed of the artificial observer."""
 
-    def options(self, language: str | None = None) -> SessionOptions:
-        """Return the options of a session.
+    def options(self, language: str | None = None, *, recorded: bool = False) -> SessionOptions:
+        """Return the options of a session; `recorded` is as in `load_protocol`.
 
         Raises
         ------
@@ -83,7 +83,7 @@ class SessionArguments:
         from study_app.cli.pictures.live_renderer import FoveatingStudio
         from study_app.run import SessionOptions
 
-        study, screen = load_study(self.protocol, self.display)
+        study, screen = load_study(self.protocol, self.display, recorded=recorded)
         return SessionOptions(
             protocol=study,
             display=screen,
@@ -134,7 +134,7 @@ def resume(session: SessionArguments) -> None:
     """
     from study_app.run import resume_session
 
-    options = session.options()
+    options = session.options(recorded=True)
     _say_gaze(options)
     _tell(resume_session(options, _listener()), options)
 

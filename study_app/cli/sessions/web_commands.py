@@ -117,7 +117,7 @@ def import_web(
     # Imported here: most commands of sessions need none of it.
     from study_app.web.import_lines import import_results, read_results
 
-    study, screen = load_study(protocol, display)
+    study, screen = load_study(protocol, display, recorded=True)
     manifest = read_manifest(stimuli)
     inbox = read_results(results)
     for damaged in inbox.damaged[:20]:

@@ -1,0 +1,53 @@
+"""Removed parts: what to use instead, and how records that name them are still read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+LAST_WITH_ALL = "5076b993 (version 0.3.0)"
+"""The last revision that has everything named here."""
+
+INSTEAD: Mapping[str, str] = {}
+"""Words that name a removed part, as a user writes them, and what to do instead.
+
+Commands stand as ``analysis bayes``, options as ``session check-display --luminance``, keys of a
+study as ``analysis.sequential``, trackers as ``--gaze tobii``, files by suffix, as ``.obj``.
+"""
+
+
+def gone(words: str) -> str | None:
+    """Return the message on a removed part; None for words that name none."""
+    if words not in INSTEAD:
+        return None
+    return f"was removed: {INSTEAD[words]}; revision {LAST_WITH_ALL} is the last that has it"
+
+
+def gone_from_command(arguments: Sequence[str]) -> str | None:
+    """Return the message on a removed command, or on a removed option of a command."""
+    words = [*arguments]
+    named = next((i for i, word in enumerate(words) if word.startswith("-")), len(words))
+    commands = [" ".join(words[:many]) for many in range(1, min(named, 3) + 1)]
+    options = [word.partition("=")[0] for word in words if word.startswith("--")]
+    for place in (*commands, *(f"{one} {option}" for one in commands for option in options)):
+        if message := gone(place):
+            return f"{place} {message}"
+    return None
+
+
+def without_gone(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return a parsed study without its removed keys, and what these said, by dotted place."""
+    kept, found = dict(raw), {}
+    for place in INSTEAD:
+        section, _, key = place.partition(".")
+        if isinstance(kept.get(section), Mapping) and key in kept[section]:
+            kept[section] = dict(kept[section])
+            found[place] = kept[section].pop(key)
+    return kept, found
+
+
+def as_hashed(place: str, value: Any) -> Any:
+    """Return what a removed key added to the hash of a study; None where it added nothing."""
+    if place == "analysis.sequential":  # its default was part of the hash
+        return {"bayes_factor": 10.0} | value
+    return value if value is not False else None

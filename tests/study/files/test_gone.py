@@ -1,0 +1,65 @@
+"""Removed parts: one message to who begins anew, a note to who has recorded with them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from protocols import gone
+from protocols.errors import StudyError
+from protocols.load import load_protocol, read_toml, shipped
+
+
+@pytest.fixture
+def removed(monkeypatch, tmp_path):
+    """Give a study with a key that was removed, as that of a version which had it."""
+    told = {"analysis.oracle": "ask an oracle", "analysis divine": "ask an oracle"}
+    monkeypatch.setattr(gone, "INSTEAD", told)
+    path = tmp_path / "old.toml"
+    text = shipped("studies")["demo"].read_text(encoding="utf-8")
+    path.write_text(text.replace("[analysis]\n", "[analysis]\noracle = 3\n"), encoding="utf-8")
+    assert "oracle" in str(read_toml(path))
+    return path
+
+
+def test_a_new_study_with_a_removed_key_is_refused_with_the_cure(removed):
+    with pytest.raises(StudyError) as caught:
+        load_protocol(removed)
+
+    message = f"{removed}: analysis.oracle: was removed: ask an oracle; revision 5076b993"
+    assert str(caught.value).startswith(message)
+    assert str(caught.value).endswith("Delete it")
+
+
+def test_a_recorded_study_keeps_its_hash_and_says_what_is_ignored(removed):
+    study, plain = load_protocol(removed, recorded=True), load_protocol(Path("demo"))
+
+    (note,) = study.gone_notes
+    assert note.startswith("analysis.oracle is ignored: it was removed: ask an oracle")
+    assert study.sha256 != plain.sha256  # it had another when it was recorded
+    assert study.with_secret("x").sha256 == study.sha256
+    assert study.with_gone({}).sha256 == plain.sha256
+    assert plain.gone_notes == []
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["analysis", "divine"], "analysis divine was removed"),
+        (["analysis", "divine", "a.csv", "--help"], "analysis divine was removed"),
+        (["analysis", "report", "divine"], None),
+        (["divine"], None),
+    ],
+)
+@pytest.mark.usefixtures("removed")
+def test_a_removed_command_is_named_with_its_cure(words, named):
+    message = gone.gone_from_command(words)
+
+    assert message is None if named is None else message.startswith(named)
+
+
+def test_every_removed_part_says_what_to_do_instead():
+    for words, instead in gone.INSTEAD.items():
+        assert instead[0].islower(), words
+        assert instead[-1] not in ".;", words
