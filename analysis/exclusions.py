@@ -24,7 +24,7 @@ def apply_exclusions(
 ) -> tuple[pd.DataFrame, pd.DataFrame, tuple[FlowStep, ...]]:
     """Mark sessions and decisions that the rules leave out.
 
-    Nothing is deleted: `sessions.excluded`, `decisions.included` and `decisions.exclusion`
+    Nothing is deleted: ``sessions.excluded``, ``decisions.included`` and ``decisions.exclusion``
     say what happened. Practice and catch trials never count as main decisions.
 
     Returns

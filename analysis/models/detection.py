@@ -103,7 +103,7 @@ class Discrimination:
     """d' of one condition of an identification or ABX task, from the share of right answers.
 
     `lower` and `upper` are the limits of the share, mapped; so they hold 0 exactly where the
-    share's limits hold chance, and `correct.p` is the p of both.
+    share's limits hold chance, and the p of `correct` is that of both.
     """
 
     condition: str
@@ -167,7 +167,7 @@ def yes_no(
     come from each trial's influence on z(H) and z(F), summed over participants and scenes as in
     `clustered.two_way`, never below the error of independent trials. Participants who set
     different criteria make the whole table's d' smaller than the mean of their own; that mean
-    is what `models.glmm_probit` estimates. Differences take the same participants' cells away
+    is what `logistic.glmm_probit` estimates. Differences take the same participants' cells away
     from each other.
     """
     rows = checked(trials, ("expected", "answer"), by)

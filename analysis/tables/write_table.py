@@ -12,7 +12,7 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
     """Write a table as CSV that spreadsheets show and do not run.
 
     A text that begins with = + - @ or a control character gets an apostrophe in front, as does one
-    that begins so after apostrophes; `files.rows_of` takes one away again. Other control
+    that begins so after apostrophes; `table_files.rows_of` takes one away again. Other control
     characters, which it refuses, are spelt out. Numbers stay numbers.
     """
     safe = table.copy()

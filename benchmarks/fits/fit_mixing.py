@@ -4,7 +4,7 @@
 
 Bands overlap: of a band that passes its filters again, softened, neighbouring ones measure a part.
 Bands of white noise, weighed by the deviations ``s`` of another texture, therefore measure
-other deviations than ``s``. Mixing the weights first, ``v = T s``, cures it: with `C_b` the
+other deviations than ``s``. Mixing the weights first, ``v = T s``, cures it: with ``C_b`` the
 covariance that band `b` measures between all bands of unit noise, it measures
 ``sqrt(v' C_b v)``. T is the least-squares answer to ``sqrt(v' C_b v) = s_b`` for
 

@@ -221,7 +221,7 @@ def reach_of(shape: Floats, deviation: Floats, coloured: Floats) -> tuple[Floats
     Parameters
     ----------
     shape : ndarray of shape (..., 4)
-        See `moments.colour_shape`.
+        See `pooled_moments.colour_shape`.
     deviation : ndarray of shape (..., 3)
     coloured : ndarray of shape (..., 1)
         Chroma's variance over luma's. What is grey may lead farther.

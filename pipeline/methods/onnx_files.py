@@ -1,7 +1,7 @@
 """Opening ONNX networks, and which files one consists of: its weights may lie beside it.
 
 The format is a protocol buffer. Only what leads to tensors is read, by the numbers of the fields
-in `onnx.proto` (ONNX 1.16); everything else is skipped.
+in ``onnx.proto`` (ONNX 1.16); everything else is skipped.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class WeightedPullPush(_ColourOnly):
     ----------
     recirculate : float
         For clips: how much what a place of the background showed last weighs beside a known pixel,
-        from 0 (every frame by itself) to 1; see `Recirculation`.
+        from 0 (every frame by itself) to 1; see `recirculating`.
     """
 
     pass_type = WeightedPullPushPass

@@ -1,5 +1,5 @@
 // A surface's colour from its baked texture: the texture at a level of detail, and noise of what is
-// lost up to it. Twin: textures/reference.py and surface_noise.py. Change both or neither.
+// lost up to it. Twin: textures/reference.py and textures/surface_noise.py. Change both or neither.
 
 #constant HALVINGS         // of the texture; as many levels have moments
 #constant WRAPS            // 1: its right border goes on at the left one

@@ -33,7 +33,7 @@ struct Noise { vec4 luma, blue, red; };
 
 vec3 rgb_of(Noise noise, int i) { return RGB_FROM_YCBCR * vec3(noise.luma[i], noise.blue[i], noise.red[i]); }
 
-// Hold noise to the colours of its pool. Twin: reach_of() in reference.py.
+// Hold noise to the colours of its pool. Twin: reach_of() in foveation/reference.py.
 Spread held(Spread spread, vec3 skew, float tightness, float coloured) {
     vec3 lean = 1.5 * skew * (1.0 + tightness), total = abs(lean) + sqrt(lean * lean + tightness);
     vec3 scale = spread.deviation * max(ROOMY, COLOURED / max(coloured, SMALLEST_VARIANCE));

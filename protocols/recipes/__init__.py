@@ -1,1 +1,1 @@
-"""Stimulus recipes: `kind` in `[stimuli]` of a study names one of `registry.RECIPES`."""
+"""Stimulus recipes: `kind` in `[stimuli]` of a study names one of `recipe_kinds.RECIPES`."""

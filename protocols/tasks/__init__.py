@@ -1,1 +1,1 @@
-"""Tasks: `kind` in `[task]` of a study names one of `registry.TASKS`."""
+"""Tasks: `kind` in `[task]` of a study names one of `task_kinds.TASKS`."""

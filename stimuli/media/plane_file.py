@@ -54,7 +54,8 @@ def read_disparity(
     Raises
     ------
     FileNotFoundError, InputError
-        As `load_plane` raises them, or if a number may stand for "unknown" and nobody has said.
+        If the file is not there or holds no such numbers, or if a number may stand for "unknown"
+        and nobody has said.
     """
     stored, named = _read(path)
     values = _doubles(stored)
@@ -92,7 +93,8 @@ def read_depth(
     Raises
     ------
     FileNotFoundError, InputError
-        As `load_plane` raises them, or if a number may stand for "unknown" and nobody has said.
+        If the file is not there or holds no such numbers, or if a number may stand for "unknown"
+        and nobody has said.
     """
     stored, named = _read(path, scale)
     values = _doubles(stored)

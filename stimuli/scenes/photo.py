@@ -219,7 +219,7 @@ def load_depth(
     Parameters
     ----------
     path : Path
-        What `stimuli.media.plane_file.load_plane` reads.
+        What `stimuli.media.plane_file.read_depth` reads.
     scale : float
         Metres per unit; for ``"inverse"``, what 1 stands for.
     is_a : {"distance", "inverse", "ray"}

@@ -143,7 +143,7 @@ class SimulatedGaze:
             number = index * _CHUNK + np.arange(_CHUNK, dtype=np.float64)
             columns = (self._start_s + number / self._rate_hz, number, *self._chunk_px(index).T)
             rows = zip(*(column.tolist() for column in columns), strict=True)
-            # As `GazeSample._make` does, without counting the columns of every row.
+            # As ``GazeSample._make`` does, without counting the columns of every row.
             self._chunk = index, list(map(tuple.__new__, repeat(GazeSample), rows))
         return self._chunk[1]
 
