@@ -8,7 +8,11 @@ from typing import Any
 LAST_WITH_ALL = "5076b993 (version 0.3.0)"
 """The last revision that has everything named here."""
 
-INSTEAD: Mapping[str, str] = {}
+INSTEAD: Mapping[str, str] = {
+    "analysis export --format psych-ds": (
+        "export with --format bids, or write the tables with 'metamerlab analysis tidy'"
+    ),
+}
 """Words that name a removed part, as a user writes them, and what to do instead.
 
 Commands stand as ``analysis bayes``, options as ``session check-display --luminance``, keys of a

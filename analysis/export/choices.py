@@ -5,7 +5,7 @@ from typing import Literal, TypeAlias, get_args
 
 from protocols.display import Display
 
-Format: TypeAlias = Literal["bids", "psych-ds", "pwcmp"]
+Format: TypeAlias = Literal["bids", "pwcmp"]
 RecordedEye: TypeAlias = Literal["left", "right", "cyclopean"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 EYES: tuple[RecordedEye, ...] = get_args(RecordedEye)

@@ -17,7 +17,6 @@ from analysis.export.order import (
     without_columns,
     without_order,
 )
-from analysis.export.psychds import write_psych_ds
 from analysis.export.public import public_readings, public_tables, refuse_private
 from analysis.export.pwcmp import write_pwcmp
 from analysis.journals import Progress, StudyReadings, read_study
@@ -28,7 +27,6 @@ from protocols.study_file.schema import StudyProtocol
 
 _WRITERS: dict[Format, Callable[[ExportedStudy, Path], tuple[str, ...]]] = {
     "bids": write_bids,
-    "psych-ds": write_psych_ds,
     "pwcmp": write_pwcmp,
 }
 
@@ -69,7 +67,7 @@ def export_study(
     if form == "pwcmp" and protocol.analysis.kind != "preference":
         raise StudyError(
             f"--format: pwcmp takes preferences between pairs (the task is {protocol.task.kind!r});"
-            " choose bids or psych-ds"
+            " choose bids"
         )
     if without_links(out).is_relative_to(without_links(sessions)):
         raise StudyError(f"{out}: must lie outside the folder of sessions ({sessions})")

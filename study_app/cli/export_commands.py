@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from analysis.export.choices import EYES, FORMATS, ExportOptions
+from protocols.errors import StudyError
 from study_app.cli.options import (
     SessionsArgument,
     SessionsProtocolOption,
@@ -45,14 +46,14 @@ def export(
         typer.Option(
             "--format",
             metavar="|".join(FORMATS),
-            help="bids, psych-ds or pwcmp (preferences only).",
+            help="bids or pwcmp (preferences only).",
         ),
     ],
     out: Annotated[Path, typer.Option(help="New folder. It appears only when complete.")],
     *,
     content: ExportedOptions,
 ) -> None:
-    """Export sessions for an archive (BIDS, Psych-DS) or for the program pwcmp.
+    """Export sessions for an archive (BIDS) or for the program pwcmp.
 
     Journals are only read. Participants who withdrew or did not consent are never exported.
     Incomplete sessions are exported and marked. Read a public export before you publish it: the
@@ -62,14 +63,17 @@ def export(
 
         metamerlab analysis export sessions --protocol demo --format bids --out bids
 
-        metamerlab analysis export sessions --protocol demo --format psych-ds --out shared --public
+        metamerlab analysis export sessions --protocol demo --format bids --out shared --public
 
         metamerlab analysis export sessions --protocol demo --format pwcmp --out pwcmp
     """
     from analysis.export.write_export import export_study
+    from protocols.gone import gone
     from protocols.load import load_display
 
     study = recorded_protocol(protocol)
+    if message := gone(f"analysis export --format {form}"):
+        raise StudyError(f"--format {form} {message}")
     chosen = one_of("--format", form, FORMATS)
     eye = one_of("--recorded-eye", content.recorded_eye, EYES)
     names = content.display or ([study.display.display] if chosen == "bids" else [])

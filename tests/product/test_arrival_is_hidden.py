@@ -280,47 +280,58 @@ def test_trials_of_one_condition_stand_in_no_order(tmp_path):
     """Participants become faster: were the first of a condition named first, order would tell."""
     simulation = recorded(tmp_path, "inpainting-2afc", "by-arrival", 2, SECRET)
     sessions = tmp_path / "sessions"
-    export_study(
-        sessions, simulation.protocol, tmp_path / "out", "psych-ds", ExportOptions(public=True)
-    )
-    whole = pd.concat(
-        pd.read_csv(path) for path in export_whole(simulation, sessions, tmp_path / "whole")
-    )
-    public = pd.concat(map(pd.read_csv, (tmp_path / "out").rglob("*decisions_data.csv")))
-    order = dict(zip(whole["rt_s"], whole["order"], strict=True))
+    export_study(sessions, simulation.protocol, tmp_path / "out", "bids", public(simulation))
+    whole = attempts_of(export_whole(simulation, sessions, tmp_path / "whole"))
+    whole = whole[whole["outcome"] == "completed"]
+    shared = attempts_of(tmp_path / "out")
+    order = dict(zip(whole["rt_s"], whole["position"], strict=True))
     first = 0
-    pairs = public.sort_values("trial").groupby("participant")
+    pairs = shared.sort_values("trial").groupby("participant")
     for _, rows in pairs:
         places = [order[rt] for rt in rows["rt_s"]]
         first += sum(a < b for a, b in zip(places[::2], places[1::2], strict=True))
     assert 20 < first < 52  # of 72, sd 4.2
 
 
-def export_whole(simulation, sessions: Path, out: Path) -> list[Path]:
-    export_study(sessions, simulation.protocol, out, "psych-ds", ExportOptions())
-    return list(out.rglob("*decisions_data.csv"))
+def public(simulation) -> ExportOptions:
+    return ExportOptions(public=True, displays=(simulation.display,))
+
+
+def export_whole(simulation, sessions: Path, out: Path) -> Path:
+    options = ExportOptions(displays=(simulation.display,))
+    export_study(sessions, simulation.protocol, out, "bids", options)
+    return out
+
+
+def attempts_of(out: Path) -> pd.DataFrame:
+    """Every attempt of an export in BIDS, `participant` added."""
+    tables = (
+        pd.read_csv(path, sep="\t").assign(participant=path.name.split("_")[0])
+        for path in sorted(out.rglob("*_beh.tsv"))
+    )
+    return pd.concat(tables, ignore_index=True)
 
 
 def test_what_answers_choose_keeps_its_order_and_loses_its_keys(tmp_path):
     simulation = recorded(tmp_path, "yes-no by QUEST+", "by-arrival", 2, SECRET)
     study = simulation.protocol
     out = tmp_path / "out"
-    export_study(tmp_path / "sessions", study, out, "psych-ds", ExportOptions(public=True))
-    table = pd.read_csv(next(out.rglob("*decisions_data.csv")))
+    export_study(tmp_path / "sessions", study, out, "bids", public(simulation))
+    table = attempts_of(out)
 
     assert not tells_order(study)
     assert "key_place" not in table
-    assert list(table["order"].dropna())[:3] == [1, 2, 3]
+    assert list(table["position"])[:3] == [0, 1, 2]
 
 
 def test_where_the_slot_decides_nothing_a_secret_alone_keeps_all(tmp_path):
     simulation = recorded(tmp_path, "identification", "by-arrival", 2, SECRET)
     study = simulation.protocol
     out = tmp_path / "out"
-    export_study(tmp_path / "sessions", study, out, "psych-ds", ExportOptions(public=True))
+    export_study(tmp_path / "sessions", study, out, "bids", public(simulation))
 
     assert rounds(study) == (1, 1)
-    assert {"key_place", "order", "repeat"} <= set(pd.read_csv(next(out.rglob("*decisions*.csv"))))
+    assert {"key_place", "position", "repeat"} <= set(attempts_of(out))
     assert not [note for note in study_notes(study, FHD, 9) if note.place == "design.places"]
     balanced = study.design.model_copy(update={"scene_order": "balanced"})
     scenes = study.main_scenes()

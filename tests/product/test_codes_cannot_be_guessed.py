@@ -53,7 +53,7 @@ def orders_in(folder: Path) -> list[list[tuple[str, ...]]]:
         table = pd.read_csv(path, sep="\t" if path.suffix == ".tsv" else ",", dtype=str).fillna("")
         who = next((c for c in ("participant", "observer") if c in table), None)
         for _, rows in table.groupby(who) if who else [("", table)]:
-            for column in ("", "onset", "order", "position", "trial", "row_id"):
+            for column in ("", "onset", "order", "position", "trial"):
                 if column and column not in rows:
                     continue
                 number = (
@@ -158,7 +158,7 @@ def test_codes_cannot_be_guessed_from_a_public_export(studies, tmp_path, form):
     out, manifest = exported(studies, "older", form, tmp_path / "whole", public=False)
     found = found_by_guessing(out, load_protocol(studies["older"][0]), manifest)
     assert {f"{code}: order of trials" for code in CODES[:5]} <= found
-    if form == "psych-ds":
+    if form == "bids":
         assert {f"{code}: hash of the plan" for code in CODES[:5]} <= found
 
 
@@ -201,9 +201,9 @@ def test_a_session_that_is_not_whole_is_left_out_where_order_tells(studies, tmp_
     lines = journal.read_bytes().splitlines(keepends=True)
     journal.write_bytes(b"".join(lines[:15]))
 
-    made = export_study(
-        copy, load_protocol(path), tmp_path / "out", "psych-ds", ExportOptions(public=True)
-    )
+    study = load_protocol(path)
+    options = ExportOptions(public=True, displays=(load_display(study.display.display),))
+    made = export_study(copy, study, tmp_path / "out", "bids", options)
     assert made.participants == 4
     assert any("which of its trials are missing tells their order" in n for n in made.notes)
 
@@ -222,9 +222,9 @@ def test_a_study_with_a_secret_keeps_its_order_and_needs_the_secret(studies, tmp
     (tmp_path / "study.secret").write_text("another")
     with pytest.raises(StudyError, match="must be the secret that"):
         load_protocol(alone)
-    out, _ = exported(studies, "with a secret", "psych-ds", tmp_path / "out", public=True)
-    table = pd.read_csv(next(out.rglob("*decisions_data.csv")))
-    assert list(table["order"].dropna())[:3] == [1, 2, 3]
+    out, _ = exported(studies, "with a secret", "bids", tmp_path / "out", public=True)
+    table = pd.read_csv(next(out.rglob("*_beh.tsv")), sep="\t")
+    assert list(table["position"])[:3] == [0, 1, 2]
 
 
 def test_a_key_that_a_study_does_not_use_leaves_its_hash():

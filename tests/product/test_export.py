@@ -88,7 +88,7 @@ def exported(recorded_once, tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["bids", "psych-ds", "pwcmp"])
+@pytest.mark.parametrize("form", ["bids", "pwcmp"])
 @pytest.mark.parametrize("public", [False, True])
 def test_equal_sessions_give_equal_bytes_and_journals_stay(
     metamerlab, recorded, tmp_path, form, public
@@ -104,7 +104,7 @@ def test_equal_sessions_give_equal_bytes_and_journals_stay(
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
 
 
-@pytest.mark.parametrize("form", ["bids", "psych-ds", "pwcmp"])
+@pytest.mark.parametrize("form", ["bids", "pwcmp"])
 def test_who_withdrew_is_nowhere(exported, form):
     everything = everything_in(exported(form))
 
@@ -138,9 +138,9 @@ def test_who_did_not_consent_is_left_out(metamerlab, recorded, tmp_path, consent
         lines = lines[:at]
     journal.write_text("".join(lines), encoding="utf-8")
 
-    out = export(metamerlab, recorded, "psych-ds", tmp_path / "out")
+    out = export(metamerlab, recorded, "bids", tmp_path / "out")
 
-    people = {row["participant"] for row in table(*out.glob("data/*sittings_data.csv"))}
+    people = {row["code"] for row in table(out / "participants.tsv")}
     assert people == {"S001", "S002", "S003"}
 
 
@@ -162,7 +162,8 @@ def test_nobody_left_is_refused(metamerlab, recorded, tmp_path):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--format", "bidz"], "--format: must be one of bids, psych-ds, pwcmp (got 'bidz')"),
+        (["--format", "bidz"], "--format: must be one of bids, pwcmp (got 'bidz')"),
+        (["--format", "psych-ds"], "--format psych-ds was removed: export with --format bids"),
         (["--format", "bids", "--recorded-eye", "third"], "must be one of left, right, cyclopean"),
         (["--format", "bids", "--display", "fhd27-60hz"], "as it was then, with --display"),
         (["--format", "bids", "--author", "anna@uni.example", "--public"], "change --author"),

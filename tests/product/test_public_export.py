@@ -26,7 +26,7 @@ TRACES = re.compile(
 )
 KNOWN_NAMES = {"attempt.stimuli.name", "attempt.condition.first", "attempt.condition.second"}
 """An attempt with names that the study does not have is damage, and left out of every export."""
-FORMS = ("bids", "psych-ds", "pwcmp")
+FORMS = ("bids", "pwcmp")
 
 
 def plant(event: dict[str, object]) -> tuple[dict[str, object], set[str]]:
@@ -211,11 +211,11 @@ def test_chosen_answers_stay_and_typed_ones_go(metamerlab, recorded, reseal, tmp
 
     done = metamerlab(
         "analysis", "export", recorded.sessions, "--protocol", recorded.path,
-        "--format", "psych-ds", "--out", tmp_path / "out", "--public",
+        "--format", "bids", "--out", tmp_path / "out", "--public",
     )  # fmt: skip
 
     assert done.exit_code == 0, done.output
-    said = next((tmp_path / "out" / "data").glob("*answers_data.csv")).read_text()
+    said = (tmp_path / "out" / "phenotype" / "closing_questions.tsv").read_text()
     assert "glasses" in said
     assert "edges" not in said
 
@@ -228,18 +228,15 @@ def test_nobody_sees_who_came_before_an_update(metamerlab, recorded, reseal, tmp
         journal.write_text(text.replace(old, f"1.{number} {'ab' * 20}"), encoding="utf-8")
         reseal(journal)
 
-    def run(form: str) -> Path:
-        done = metamerlab(
-            "analysis", "export", recorded.sessions, "--protocol", recorded.path,
-            "--format", form, "--out", tmp_path / form, "--public",
-        )  # fmt: skip
-        assert done.exit_code == 0, done.output
-        return tmp_path / form
+    done = metamerlab(
+        "analysis", "export", recorded.sessions, "--protocol", recorded.path,
+        "--format", "bids", "--out", tmp_path / "out", "--public",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
 
-    (table,) = (run("psych-ds") / "data").glob("*sittings_data.csv")
-    sessions = pd.read_csv(table)
+    sessions = pd.read_csv(tmp_path / "out" / "participants.tsv", sep="\t")
     said = {json.loads(p.read_text())["StimulusPresentation"]["SoftwareVersion"]
-            for p in run("bids").rglob("*beh/*_events.json")}  # fmt: skip
+            for p in (tmp_path / "out").rglob("*beh/*_events.json")}  # fmt: skip
 
     assert set(sessions["revision"]) == said
     assert len(sessions) > len(said) == 1

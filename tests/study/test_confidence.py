@@ -150,28 +150,26 @@ def test_a_journal_whose_confidence_no_key_could_give_contradicts_its_study(load
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["bids", "psych-ds"])
-def test_exports_hold_confidence_and_say_what_it_is(load, tmp_path, form):
+def test_exports_hold_confidence_and_say_what_it_is(load, tmp_path):
     study, display = load("yes-no")
     simulate_study(SimulatedStudy(study, display, seed=3), tmp_path / "out", 1)
     words = [
         "analysis", "export", tmp_path / "out", "--protocol", tmp_path / "study.toml",
-        "--format", form,
-        "--out", tmp_path / form,
+        "--format", "bids",
+        "--out", tmp_path / "bids",
     ]  # fmt: skip
     done = CliRunner().invoke(app, [str(word) for word in words])
     assert done.exit_code == 0, done.output
-    found = [p for p in (tmp_path / form).rglob("*") if p.suffix in (".tsv", ".csv")]
+    found = list((tmp_path / "bids").rglob("*.tsv"))
     heads = [p.read_text().splitlines()[0] for p in found]
     assert any(re.search(r"\bconfidence\b", h) and "confidence_rt_s" in h for h in heads)
-    docs = "".join(p.read_text() for p in (tmp_path / form).rglob("*.json"))
+    docs = "".join(p.read_text() for p in (tmp_path / "bids").rglob("*.json"))
     assert "Confidence in the answer, in steps from 1, the least" in docs
-    if form == "bids":
-        events = next(p for p in found if p.name.endswith("_events.tsv")).read_text().splitlines()
-        place = events[0].split("\t").index("response_time")
-        rows = [row.split("\t") for row in events[1:] if "\tconfidence\t" in row]
-        assert rows
-        assert all(float(row[place]) > 0 for row in rows)
+    events = next(p for p in found if p.name.endswith("_events.tsv")).read_text().splitlines()
+    place = events[0].split("\t").index("response_time")
+    rows = [row.split("\t") for row in events[1:] if "\tconfidence\t" in row]
+    assert rows
+    assert all(float(row[place]) > 0 for row in rows)
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ COMMANDS = (
     ),
     *(
         _analysis(form, "demo", f"--protocol demo --format {form}", command="export", replace="")
-        for form in ("psych-ds", "pwcmp")
+        for form in ("bids", "pwcmp")
     ),
     Command("new-study", "new-study {o} --name made"),
     Command("restore", "session restore {i}/study.zip --out {o}", ["study.zip"]),

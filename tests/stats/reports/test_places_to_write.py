@@ -94,7 +94,7 @@ SLOW = [
     ),
     "analysis power no-study.toml",
     "analysis sequential no-study.toml",
-    "analysis export no-sessions --protocol demo --format psych-ds",
+    "analysis export no-sessions --protocol demo --format bids",
     "session restore no-archive.zip",
 ]  # fmt: skip
 

@@ -273,7 +273,7 @@ def test_files_beside_the_journal_are_held_to_their_hashes(sessions, tmp_path, h
     assert sum(wanted in note for note in tidy.warnings) == 1
     assert list(tidy.sessions["wrong_files"]) == [1, 0]
     made = export_study(
-        sessions, DEMO, tmp_path / "out", "psych-ds", ExportOptions(displays=(DISPLAY,))
+        sessions, DEMO, tmp_path / "out", "bids", ExportOptions(displays=(DISPLAY,))
     )
     assert sum(wanted in note for note in made.notes) == 1
     found = metamerlab("session", "verify", sessions)
