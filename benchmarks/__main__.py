@@ -7,22 +7,13 @@ import sys
 BENCHMARKS = {
     "fill": "every fill method and the warp: time, memory, passes, ratio to push-pull",
     "gpu": "what a frame takes of the GPU, pass by pass, and of its host",
-    "passes": "one fill, pass by pass: where its time goes",
-    "warp": "the warp against a plain copy of its frame",
     "foveate": "foveated pictures: time, memory, passes, ratio to blur and copy",
     "live": "pictures that follow the gaze: CPU time, frames per second, latency, memory",
     "foveate_bands": "metamers by bands, orientations, levels, kernels: quality, time",
     "foveate_quality": "foveated pictures: band ratios, statistics, seeds, a moving gaze",
     "compress": "compressed pictures at equal size: statistics, fovea, time of decoding",
-    "denoise": "networks for moments and for colour, and Open Image Denoise, on held-out views",
     "textures": "bytes of a texture that foveation saves, by law, cap and bytes a level",
-    "thin": "what is one pixel thin, through the warp, on the built-in scenes",
-    "paper": "the method as printed beside today's and push-pull, on pairs and built-in scenes",
-    "ablation": "metameric without each of its corrections, in numpy, on pairs and scenes",
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
-    "worst": "nothing: draws the worst places of every fill method, to look at",
-    "stationary": "band statistics of stationary textures in holes behind a disc",
-    "variants": "every switch of metameric by itself: quality, and flicker of clips",
     "fit_kernels": "nothing: fits the kernels of the pyramid, and their errors",
     "fit_mixing": "nothing: fits how bands of noise are mixed, and its errors",
     "fit_overlap": "nothing: what bands find of the noise of textures",
@@ -33,7 +24,6 @@ BENCHMARKS = {
     "session": "a whole simulated session",
     "adaptive": "adaptive trials: recovery of thresholds and scores beside other packages, speed",
     "analysis": "bootstraps, power and false positives of the statistics",
-    "front_door": "CPU time of `metamerlab --help`",
 }
 
 

@@ -28,8 +28,7 @@ from rich.table import Table
 from benchmarks.shared.copying import Copy
 from benchmarks.shared.dispatches import dispatches_of
 from benchmarks.shared.output import PagePart, file_to_write, write_record
-from benchmarks.warp import discs_over_ground
-from pipeline.frame import WarpedFrame
+from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, texture_from
@@ -90,6 +89,18 @@ def masked_frame(edge_px: int, mask: str) -> WarpedFrame:
     flow_px = np.zeros((edge_px, edge_px, 2), np.float32)
     flow_px[..., 0] = np.where(front, -1.3 * width, -0.3 * width)
     return WarpedFrame(colour, depth_m, hole, flow_px)
+
+
+def discs_over_ground(edge_px: int) -> tuple[SourceFrame, np.ndarray]:
+    """Twelve discs over a receding ground, and the motion under a step to the side."""
+    rng = np.random.default_rng(1)
+    y, x = np.mgrid[:edge_px, :edge_px] + 0.5
+    depth_m = 6 - 3 * y / edge_px
+    for centre_x, centre_y, size in rng.random((12, 3)) * (edge_px, edge_px, 0.1 * edge_px):
+        depth_m[(x - centre_x) ** 2 + (y - centre_y) ** 2 < size**2] = 1.5 + rng.random()
+    flow_px = 0.04 * edge_px / depth_m[..., None] * (1, 0.3)
+    colour = rng.random((edge_px, edge_px, 3), np.float32)
+    return SourceFrame(colour, depth_m.astype(np.float32)), flow_px.astype(np.float32)
 
 
 class TimedFrame:

@@ -5,14 +5,7 @@ the statistics distance (`stimuli.score.statistics`), the difference between two
 change when the gaze moves by a pixel, both beyond 5 degrees in steps of 255, and the share of
 samples clipped. FovVideoVDP, foveated, beside them where the extra `metrics` is installed.
 
-odak's `gen_metamer` stands beside them, where odak is installed, with `--law authors --width-deg
-28`: so wide its pools are ours, and it has no others. `--seen-deg 40` also asks FovVideoVDP about
-the same pictures shown wider than their pools are made for, as odak's are.
-
 `--hard` takes pictures on which some methods lose: a portrait, a page of text and a night.
-
-`--spectra` takes noise of known spectra for pictures: bands alone, where pools have 6 px or more,
-over four pictures of each.
 """
 
 from __future__ import annotations
@@ -21,8 +14,8 @@ import argparse
 import importlib.util
 import json
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +26,6 @@ from rich.table import Table
 from skimage import data
 
 from benchmarks.shared.hard_pictures import night, text_page
-from benchmarks.shared.odak_library import WIDTH_DEG, gen_metamer, perception
 from benchmarks.shared.output import file_to_write, write_record
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
@@ -54,23 +46,11 @@ CONDITIONS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("eidolon", {}),
     ("warped-metamer", {}),
 )
-ODAK = "odak"
 LEVELS = 4
 LEAST_POOL, MOST_POOL = 1.0, 64.0  # deviations, coefficients, at which ratios are measured
 PERIPHERY_DEG = 5.0
 DISTANCE_M = 0.6  # of the eye, for FovVideoVDP
 METRES_PER_INCH = 0.0254
-# Amplitude over frequency to this power, after a Gaussian blur of so many pixels.
-SPECTRA = {
-    "white": (0.0, 0.0),
-    "f^-.5": (0.5, 0.0),
-    "1/f": (1.0, 0.0),
-    "f^-1.5": (1.5, 0.0),
-    "1/f, blurred by 1 px": (1.0, 1.0),
-}
-SPECTRUM_DEVIATION = 0.12  # hardly a pixel is clipped
-SPECTRUM_SEEDS = 4
-SPECTRUM_POOL_PX = 6.0
 
 Picture = NDArray[np.float32]
 
@@ -91,49 +71,6 @@ class Result:
     gaze_moved_tamed: float  # the same, the field resting as `SteadyGaze` lets it
     from_picture: float  # of 255
     jod: float | None
-    jod_seen: dict[str, float] = field(default_factory=dict)  # by width, degrees: `--seen-deg`
-
-
-@dataclass(frozen=True)
-class SpectrumResult:
-    """The metamer on noise of one spectrum: least and greatest ratio, and all (levels, 3)."""
-
-    spectrum: str
-    law: str
-    least_ratio: float
-    greatest_ratio: float
-    ratios: list[list[float]]
-
-
-def noise_picture(exponent: float, blur_px: float, edge: int, seed: int) -> Picture:
-    """Grey noise of a spectrum around .5: (edge, edge, 3)."""
-    white = np.random.default_rng(seed).standard_normal((edge, edge))
-    steps = np.fft.fftfreq(edge)
-    frequency = np.maximum(np.hypot(steps[:, None], steps), 1 / edge)
-    shape = frequency**-exponent * np.exp(-2 * (math.pi * blur_px * frequency) ** 2)
-    plane = np.real(np.fft.ifft2(np.fft.fft2(white) * shape))
-    plane = (plane - plane.mean()) / plane.std()
-    grey = np.clip(0.5 + SPECTRUM_DEVIATION * plane, 0, 1)
-    return np.repeat(grey[..., None], 3, axis=2).astype(np.float32)
-
-
-def judge_spectrum(name: str, law: str, edge: int, width_deg: float) -> SpectrumResult:
-    """Measure the metamer's bands on noise of one of `SPECTRA`."""
-    viewing, gaze = Flat(width_deg), (edge / 2, edge / 2)
-    pools = Pools(viewing.of(edge, edge), gaze, make_pooling(law))
-    foveator = Foveator((edge, edge), viewing=viewing, law=law)
-    wide = [pools.sigma_px(level) >= SPECTRUM_POOL_PX for level in range(LEVELS)]
-    energy = np.zeros((2, LEVELS, 3))
-    for seed in range(SPECTRUM_SEEDS):
-        truth = noise_picture(*SPECTRA[name], edge, seed)
-        for index, image in enumerate((foveator(truth, gaze, seed=seed + 1), truth)):
-            bands = analyse(ycbcr_from_rgb(image.astype(np.float64)), LEVELS).bands
-            for level, inside in enumerate(wide):
-                energy[index, level] += (bands[level][inside][:, :, 0] ** 2).sum(axis=0)
-    ratios = np.sqrt(energy[0] / energy[1])
-    return SpectrumResult(
-        name, law, float(ratios.min()), float(ratios.max()), ratios.round(4).tolist()
-    )
 
 
 def pictures(folder: Path | None, edge: int) -> Iterator[tuple[str, Picture]]:
@@ -193,14 +130,11 @@ def judge(
     parameters: dict[str, Any],
     law: str,
     width_deg: float,
-    seen_deg: Sequence[float] = (),
 ) -> Result:
     """Measure one condition on one picture."""
     height, width = shown.shape[:2]
     viewing, gaze = Flat(width_deg), (width / 2, height / 2)
     pools = Pools(viewing.of(width, height), gaze, make_pooling(law))
-    if condition == ODAK:
-        return judge_odak(name, shown, law, pools, width_deg, seen_deg)
     given = dict(parameters)
     if condition not in ("reference", "noise-enhanced", "contrast-enhanced"):
         given["law"] = law
@@ -228,35 +162,7 @@ def judge(
         apart(first, tamed),
         apart(first, shown),
         jod_of(first, shown, width_deg),
-        jods_seen(first, shown, seen_deg),
     )
-
-
-def judge_odak(
-    name: str,
-    shown: Picture,
-    law: str,
-    pools: Pools,
-    width_deg: float,
-    seen_deg: Sequence[float],
-) -> Result:
-    """Measure the authors' library, which has one seed and hears of no gaze off the middle."""
-    found = gen_metamer(shown)
-    assert found is not None
-    ratios = band_ratios(found, shown, pools)
-    far = pools.eccentricity_deg() > PERIPHERY_DEG
-    return Result(
-        name, ODAK, {}, law, float(np.nanmin(ratios)), float(np.nanmax(ratios)),
-        statistics_distance(found, shown), math.nan, math.nan, math.nan,
-        float(255 * np.abs(found - shown)[far].mean()), jod_of(found, shown, width_deg),
-        jods_seen(found, shown, seen_deg),
-    )  # fmt: skip
-
-
-def jods_seen(test: Picture, truth: Picture, seen_deg: Sequence[float]) -> dict[str, float]:
-    """FovVideoVDP at other widths than the pools', by width; empty without the extra."""
-    found = {f"{width:g}": jod_of(test, truth, width) for width in seen_deg}
-    return {width: jod for width, jod in found.items() if jod is not None}
 
 
 def jod_of(test: Picture, truth: Picture, width_deg: float) -> float | None:
@@ -308,10 +214,6 @@ def mean_over_pictures(results: list[Result]) -> list[Result]:
                 mean("gaze_moved_tamed"),
                 mean("from_picture"),
                 float(np.mean(jods)) if jods else None,
-                {
-                    width: float(np.mean([result.jod_seen[width] for result in found]))
-                    for width in found[0].jod_seen
-                },
             )
         )
     return lines
@@ -322,9 +224,7 @@ def show(results: list[Result], console: Console) -> None:
     table = Table()
     for name in ("picture", "condition", "law"):
         table.add_column(name)
-    widths = list(results[0].jod_seen)
-    seen = [f"JOD, {width} deg" for width in widths]
-    for name in ("ratios", "distance", "seeds", "gaze 1 px", "tamed", "picture", "JOD", *seen):
+    for name in ("ratios", "distance", "seeds", "gaze 1 px", "tamed", "picture", "JOD"):
         table.add_column(name, justify="right")
     for result in results:
         switches = " ".join(f"{key} {value}" for key, value in result.parameters.items())
@@ -339,21 +239,7 @@ def show(results: list[Result], console: Console) -> None:
             f"{result.gaze_moved_tamed:.2f}",
             f"{result.from_picture:.1f}",
             "" if result.jod is None else f"{result.jod:.2f}",
-            *(f"{result.jod_seen[width]:.2f}" for width in widths),
         )
-    console.print(table)
-
-
-def show_spectra(results: list[SpectrumResult], console: Console) -> None:
-    """Print a table."""
-    table = Table()
-    table.add_column("noise")
-    for name in ("law", "ratios", *(f"level {level + 1}" for level in range(LEVELS))):
-        table.add_column(name, justify="right")
-    for result in results:
-        levels = [" ".join(f"{ratio:.2f}" for ratio in level) for level in result.ratios]
-        limits = f"{result.least_ratio:.2f} to {result.greatest_ratio:.2f}"
-        table.add_row(result.spectrum, result.law, limits, *levels)
     console.print(table)
 
 
@@ -366,32 +252,17 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--width-deg", type=float, default=40.0, help="of the picture (40)")
     parser.add_argument("--law", nargs="+", default=["v1"], help="presets (v1)")
     parser.add_argument("--condition", nargs="+", help="of these alone")
-    parser.add_argument(
-        "--seen-deg", type=float, nargs="+", default=[], help="FovVideoVDP at these widths too"
-    )
     parser.add_argument("--hard", action="store_true", help="a portrait, text and a night instead")
-    parser.add_argument("--spectra", action="store_true", help="the metamer on noise instead")
     parser.add_argument("--out", type=file_to_write, help="JSON file to write")
     arguments = parser.parse_args(argv)
     console = Console()
     console.width = max(console.width, 140)  # a table with many columns
     record: dict[str, object] = {"width_deg": arguments.width_deg, "edge_px": arguments.edge}
-    if arguments.spectra:
-        spectra = [
-            judge_spectrum(name, law, arguments.edge, arguments.width_deg)
-            for law in arguments.law
-            for name in SPECTRA
-        ]
-        show_spectra(spectra, console)
-        _write(arguments.out, record | {"spectra": [asdict(result) for result in spectra]})
-        return 0
     conditions: list[tuple[str, dict[str, object]]] = [(name, dict(p)) for name, p in CONDITIONS]
-    if arguments.law == ["authors"] and arguments.width_deg == WIDTH_DEG and perception():
-        conditions.append((ODAK, {}))
     edge = arguments.edge
     shown_ones = hard_pictures(edge) if arguments.hard else pictures(arguments.pictures, edge)
     results = [
-        judge(name, shown, condition, parameters, law, arguments.width_deg, arguments.seen_deg)
+        judge(name, shown, condition, parameters, law, arguments.width_deg)
         for name, shown in shown_ones
         if not arguments.only or name in arguments.only
         for law in arguments.law

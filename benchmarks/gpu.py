@@ -2,8 +2,8 @@
 
 Every pass by the GPU's own clock, the host's time and Python's calls, the ratio to a copy of the
 frame, bytes held. `script/prove-gpu` runs this on graphics cards. Telea runs beside the fills, on
-the CPU. The fills' frame is that of `script/bench fill` with thin holes, the warp's that of
-`script/bench warp`, the foveated picture that of `script/bench foveate`; the texture is a planet.
+the CPU. Frames of fills and warp are those of `script/bench fill` with thin holes, the foveated
+picture is that of `script/bench foveate`; the texture is a planet.
 """
 
 from __future__ import annotations

@@ -45,22 +45,6 @@ MOTIONS: dict[str, dict[str, Any]] = {
         ),
     },
 }
-VARIANTS: dict[str, dict[str, Any]] = {  # --variants: what noise and depth are worth
-    "reference": {},
-    "metameric": {},
-    "push-pull": {},
-    "no-noise": {"method": "metameric", "parameters": {"noise": 0.0}},
-    "half-noise": {"method": "metameric", "parameters": {"noise": 0.5}},
-    "no-depth": {"method": "metameric", "parameters": {"depth_threshold": 1.0}},
-}
-RECIRCULATED: dict[str, dict[str, Any]] = {  # may be named in --methods
-    f"recirculated-{round(100 * weight)}": {
-        "method": "weighted-pull-push",
-        "parameters": {"recirculate": weight},
-    }
-    for weight in (0.25, 0.5, 1.0)
-}
-VARIANT_METRICS = ("fvvdp-1.0", "fvvdp", "hf-ratio", "statistics")
 METHODS = ("reference", "metameric", "push-pull", "push-pull-depth", "background-extension")
 SIZE = {"name": "medium", "hole_share": 0.05}
 FRAMES, FPS = 12, 30.0
@@ -74,9 +58,7 @@ HEADINGS = {
     "vertical": "Vertical motion",
     "6dof": "Six degrees of freedom",
 }
-BRIEF = ("fvvdp", "cvvdp", "psnr", "hf-ratio", "flicker", "statistics")
-BRIEF_PARTS = {name: PagePart(name) for name in ("clips", "recirculation")}
-PART, VARIANTS_PART = PagePart("scores"), PagePart("variants")
+PART = PagePart("scores")
 
 
 def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> StudyProtocol:
@@ -95,9 +77,7 @@ def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> Stud
         for scene in scenes
     ]
     stimuli["sizes"] = [SIZE]
-    stimuli["methods"] = [
-        {"name": name, **(VARIANTS | RECIRCULATED).get(name, {})} for name in methods
-    ]
+    stimuli["methods"] = [{"name": name} for name in methods]
     stimuli["clips"] |= {
         "width_deg": 5.7, "height_deg": 4.3, "fps": FPS, "duration_s": FRAMES / FPS,
         "preview": False,
@@ -107,13 +87,7 @@ def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> Stud
     return StudyProtocol.model_validate_json(json.dumps(raw))
 
 
-def make(
-    motion: str,
-    scenes: Sequence[str],
-    methods: Sequence[str],
-    out: Path,
-    metrics: Sequence[str] | None = None,
-) -> ScoreResults:
+def make(motion: str, scenes: Sequence[str], methods: Sequence[str], out: Path) -> ScoreResults:
     """Build the clips of one motion and score them; what is there already stays."""
     study = protocol(motion, scenes, methods)
     orders = BuildPlan(study, load_display(study.display.display), Path.cwd())
@@ -125,7 +99,7 @@ def make(
         with local_processes(cores()) as pool:
             build(orders, out / "clips", pool, parallel=cores(), report=report)
         subjects = subjects_of_batch(out / "clips")
-        settings = ScoreSettings(choose_metrics(metrics), standard_fhd())
+        settings = ScoreSettings(choose_metrics(None), standard_fhd())
         folder = out / "scores"
         results = score(
             subjects, settings, cache=folder / CACHE_FOLDER, workers=cores(), report=report
@@ -147,38 +121,6 @@ def document(results: dict[str, ScoreResults]) -> str:
             met = tuple(duel for duel in duels(tables, OURS, against) if shown(duel.table))
             parts.append(f"Metameric against {against}:\n\n{duels_markdown(met)}")
     return "\n".join(parts)
-
-
-def variants_text(results: dict[str, ScoreResults]) -> str:
-    """Return what noise and depth are worth: holes only, few metrics."""
-    parts = []
-    for found in results.values():
-        parts += [
-            f"{table.title}.\n\n{table.markdown()}\n"
-            for table in all_tables(found)
-            if table.region == HOLES
-        ]
-        parts.append(f"Mean error of luma in holes, /255 (0 is right).\n\n{luma_error(found)}")
-    return "\n".join(parts)
-
-
-def brief(results: dict[str, ScoreResults]) -> str:
-    """Return one table: a row per clip, and a cell per method with the numbers of `BRIEF`."""
-    methods: Sequence[str] = ()
-    rows: dict[str, dict[str, list[str]]] = {}
-    for motion, found in results.items():
-        tables = {t.metric.name: t for t in all_tables(found) if t.region == HOLES}
-        for name in BRIEF:
-            table = tables[name]
-            methods = table.methods
-            for scene, values in table.rows:
-                row = rows.setdefault(f"mean, {motion}" if scene == "mean" else scene, {})
-                for method, value in zip(methods, values, strict=True):
-                    row.setdefault(method, []).append(table.text(value))
-    lines = ["| | " + " | ".join(methods) + " |", "| --- |" + " ---: |" * len(methods)]
-    for scene, row in rows.items():
-        lines.append(f"| {scene} | " + " | ".join(" / ".join(row[m]) for m in methods) + " |")
-    return "\n".join(lines)
 
 
 def luma_error(results: ScoreResults) -> str:
@@ -213,40 +155,22 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--scenes", nargs="+", choices=scene_names(), default=scene_names())
     parser.add_argument("--motions", nargs="+", choices=list(MOTIONS), default=list(MOTIONS))
     parser.add_argument("--methods", nargs="+", default=list(METHODS))
-    parser.add_argument(
-        "--variants", action="store_true", help="metameric without noise, or without depth"
-    )
-    parser.add_argument(
-        "--brief",
-        choices=list(BRIEF_PARTS),
-        help=f"one table of {', '.join(BRIEF)}, and the part of the document that it replaces",
-    )
-    parser.add_argument("--docs", type=Path, help="document whose tables are replaced")
+    parser.add_argument("--docs", type=PART.page, help="document whose tables are replaced")
     parser.add_argument("--json", type=file_to_write, help="file to store the numbers in")
     arguments = parser.parse_args(argv)
-    methods = list(VARIANTS) if arguments.variants else arguments.methods
-    part = VARIANTS_PART if arguments.variants else BRIEF_PARTS.get(arguments.brief, PART)
-    if arguments.docs is not None:
-        try:
-            part.page(arguments.docs)
-        except argparse.ArgumentTypeError as error:
-            parser.error(f"argument --docs: {error}")
     results = {
         motion: make(
             motion,
             [name for name in arguments.scenes if name not in LEFT_OUT.get(motion, ())],
-            methods,
+            arguments.methods,
             arguments.out / motion,
-            VARIANT_METRICS if arguments.variants else None,
         )
         for motion in arguments.motions
     }
-    text = (variants_text if arguments.variants else brief if arguments.brief else document)(
-        results
-    )
+    text = document(results)
     print(text)
     if arguments.docs is not None:
-        part.replace(arguments.docs, text)
+        PART.replace(arguments.docs, text)
     if arguments.json is not None:
         record = {
             motion: json.loads((arguments.out / motion / "scores" / JSON_NAME).read_bytes())

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from cameras import wide_camera
 from scipy import ndimage
+from stationary_textures import LEVELS, Scene, Texture, measure, whole_coefficients
 
-from benchmarks.stationary import LEVELS, Scene, Texture, measure, whole_coefficients
 from pipeline.camera import flow_between, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame

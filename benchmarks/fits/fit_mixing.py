@@ -60,7 +60,7 @@ SPECTRA = (
 ANISOTROPIES = (0.0, 0.5)  # of power along x; T treats y the same
 LOWEST_FREQUENCY = 1 / 32  # cycles per pixel; below, spectra are flat
 # What share of a level's variance a base holds already, of the oriented bands: none; in natural
-# textures; in white. Measured with `noise` 0 behind discs (benchmarks/stationary.py).
+# textures; in white. Measured with `noise` 0 behind discs (tests/helpers/stationary_textures.py).
 SHARES = (
     (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     (0.02, 0.05, 0.08, 0.16, 0.20, 0.25),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.foveate_quality import band_ratios, noise_picture
+from benchmarks.foveate_quality import band_ratios
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import (
     CONDITIONS,
@@ -81,6 +81,18 @@ def test_enhancing_noise_lies_between_what_is_resolved_and_what_is_detected(pict
         foveate(picture, (32, 24), method="noise-enhanced", seed=s, viewing=near) for s in (1, 2)
     ]
     assert (same[0] == same[1]).all()
+
+
+def noise_picture(exponent, blur_px, edge, seed):
+    """Grey noise of a spectrum around .5: (edge, edge, 3)."""
+    white = np.random.default_rng(seed).standard_normal((edge, edge))
+    steps = np.fft.fftfreq(edge)
+    frequency = np.maximum(np.hypot(steps[:, None], steps), 1 / edge)
+    shape = frequency**-exponent * np.exp(-2 * (math.pi * blur_px * frequency) ** 2)
+    plane = np.real(np.fft.ifft2(np.fft.fft2(white) * shape))
+    plane = (plane - plane.mean()) / plane.std()
+    grey = np.clip(0.5 + 0.12 * plane, 0, 1)
+    return np.repeat(grey[..., None], 3, axis=2).astype(np.float32)
 
 
 @pytest.mark.parametrize("blur_px", [1, 4])

@@ -20,8 +20,6 @@ from benchmarks.shared.output import PagePart, write_record
         ("quality", "--json"),
         ("scores", "--json"),
         ("session", "--json"),
-        ("stationary", "--json"),
-        ("variants", "--json"),
     ],
 )
 def test_a_file_in_no_folder_is_refused(name, option, tmp_path, capsys):
@@ -44,8 +42,6 @@ def test_a_file_in_no_folder_is_refused(name, option, tmp_path, capsys):
         ("foveate_bands", [], "foveation bands"),
         ("quality", [], "quality table"),
         ("scores", [], "scores"),
-        ("scores", ["--variants"], "variants"),
-        ("stationary", [], "stationary table"),
         ("stimuli", [], "stimuli table"),
     ],
 )

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
-from benchmarks import foveate_bands, foveate_quality
+from benchmarks import foveate_bands
 from benchmarks.foveate_bands import Row
-from benchmarks.foveate_quality import SPECTRA, noise_picture
 from benchmarks.shared import foveate_report, machine
 from benchmarks.shared.foveate_report import Line
 from benchmarks.shared.pyramid_banks import (
@@ -123,30 +120,3 @@ def test_results_say_which_machine_and_how_busy_it_was():
     }  # fmt: skip
     assert list(found["libraries"]) == ["numpy"]
     assert found["load_average_before"] >= 0
-
-
-@pytest.mark.parametrize("name", SPECTRA)
-def test_noise_of_a_spectrum_has_it(name):
-    exponent, blur_px = SPECTRA[name]
-    power = sum(
-        np.abs(np.fft.fft2(noise_picture(exponent, blur_px, EDGE, seed)[..., 0])) ** 2
-        for seed in range(8)
-    )
-    steps = np.fft.fftfreq(EDGE)
-    radius = np.hypot(steps[:, None], steps)
-    far, near = (power[np.abs(radius - at) < 0.01].mean() for at in (0.25, 0.125))
-    blurred = np.exp(-2 * (np.pi * blur_px) ** 2 * (0.25**2 - 0.125**2))
-    np.testing.assert_allclose(np.sqrt(far / near), 2.0**-exponent * blurred, rtol=0.1)
-
-
-def test_spectra_are_judged_without_photographs_and_written(tmp_path, capsys, monkeypatch):
-    few = {name: SPECTRA[name] for name in ("white", "f^-1.5")}
-    monkeypatch.setattr(foveate_quality, "SPECTRA", few)
-    monkeypatch.setattr(foveate_quality, "SPECTRUM_SEEDS", 1)
-    out = tmp_path / "found.json"
-    assert foveate_quality.main(["--spectra", "--edge", "256", "--out", str(out)]) == 0
-    found = json.loads(out.read_text())["spectra"]
-    assert [line["spectrum"] for line in found] == list(few)
-    # One small picture has too few coarse coefficients to ask for .85 to 1.15.
-    assert all(0.75 < line["least_ratio"] <= line["greatest_ratio"] < 1.3 for line in found)
-    assert "f^-1.5" in capsys.readouterr().out

@@ -1,22 +1,9 @@
 """The measure of stationary textures says 1 and 0 of the truth, and notices what is not."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy import ndimage
-
-from benchmarks.stationary import (
-    LEVELS,
-    PART,
-    Scene,
-    Texture,
-    header,
-    main,
-    measure,
-    row,
-    whole_coefficients,
-)
+from stationary_textures import LEVELS, Scene, Texture, measure, whole_coefficients
 
 SCENE = Scene(64, 20, 28)
 
@@ -61,30 +48,6 @@ def test_a_mean_is_no_deviation_and_is_told_in_the_planes_deviations():
     np.testing.assert_allclose(strong.offset[0, :, 1], ramp.offset[0, :, 1], rtol=0.3)
 
 
-def test_the_control_has_seeds_of_its_own(monkeypatch):
-    asked = []
-    picture = Texture.picture
-    monkeypatch.setattr(
-        Texture, "picture", lambda self, edge, seed: asked.append(seed) or picture(self, edge, seed)
-    )
-
-    class Nothing:
-        def fill(self, frame, *, seed):
-            assert seed in range(5, 8)
-            return frame.colour
-
-    measure(Nothing(), SCENE, [Texture(0.0)], range(5, 8))
-
-    assert sorted(asked) == list(range(5, 11))
-
-
-def test_the_control_is_another_texture_and_closer_over_more_seeds():
-    few, many = (measure(Truth(), SCENE, [Texture(0.0)], range(n)) for n in (2, 40))
-
-    assert 0.01 < np.abs(many.control_ratio - 1).max() < np.abs(few.control_ratio - 1).max()
-    assert 0 < many.control_offset.max() < few.control_offset.max()
-
-
 def test_an_edge_that_does_not_halve_is_refused():
     with pytest.raises(ValueError, match="edge_px must be a multiple of 2 \\(got 61\\)"):
         Scene(61, 20, 28)
@@ -121,53 +84,3 @@ def test_a_blurred_texture_is_what_a_gaussian_filter_makes():
     expected = ndimage.gaussian_filter(sharp, 1.5, mode="wrap", truncate=8)
 
     np.testing.assert_allclose(soft, expected * 0.12 / expected.std(), atol=2e-3)
-
-
-def test_a_row_has_a_cell_for_every_column():
-    found = measure(Truth(), SCENE, [Texture(0.5), Texture(1.0, 2.0)], range(2))
-
-    line = row(SCENE, found)
-
-    head = header([Texture(0.5), Texture(1.0, 2.0)])
-    assert line.startswith("| 28 by 40 px, in 64 px |")
-    ends = [f"{text.min():.2f} to {text.max():.2f}" for text in (*found.ratio, found.control_ratio)]
-    offsets = [f"{offset.max():.2f}" for offset in (found.offset, found.control_offset)]
-    side_by_side, measured, *cells = line.strip("| ").split(" | ")[1:]
-    coarsest = whole_coefficients(*SCENE.masks(), LEVELS)[-1]
-    assert (side_by_side, measured) == ("14", str(coarsest.sum()))  # 28 px, of 2 each
-    assert cells == [*ends[:2], offsets[0], ends[2], offsets[1]]
-    assert len({text.count("|") for text in [line, *head.splitlines()]}) == 1
-    assert "e = 1, blur 2 px" in head
-
-
-@pytest.mark.usefixtures("gl_context")
-def test_the_command_measures_prints_and_renews_the_document(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("benchmarks.stationary.SCENES", (SCENE,))
-    document = tmp_path / "page.md"
-    document.write_text(f"before\n{PART.begin}\nold\n{PART.end}\nafter\n", encoding="utf-8")
-    stored = tmp_path / "numbers.json"
-
-    assert main(["--seeds", "1", "--docs", str(document), "--json", str(stored)]) == 0
-
-    assert "28 by 40 px" in capsys.readouterr().out
-    assert "28 by 40 px" in document.read_text(encoding="utf-8")
-    assert json.loads(stored.read_text(encoding="utf-8"))["seeds"] == 1
-
-
-def test_what_could_not_be_stored_is_refused_before_anything_is_measured(
-    monkeypatch, tmp_path, capsys
-):
-    monkeypatch.delattr("benchmarks.stationary.create_context")
-    (tmp_path / "page.md").write_text(f"{PART.end}\n{PART.begin}\n", encoding="utf-8")
-
-    for arguments, told in (
-        (["--seeds", "0"], "--seeds must be at least 1 (got 0)"),
-        (["--json", f"{tmp_path}/none/x.json"], "--json: must be a file in a folder that exists"),
-        (["--json", str(tmp_path)], "--json: must be a file in a folder that exists"),
-        (["--docs", f"{tmp_path}/none.md"], "--docs: must be a page with the lines"),
-        (["--docs", f"{tmp_path}/page.md"], "--docs: must be a page with the lines"),
-    ):
-        with pytest.raises(SystemExit) as stopped:
-            main(arguments)
-        assert stopped.value.code == 2
-        assert told in capsys.readouterr().err
