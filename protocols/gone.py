@@ -12,6 +12,7 @@ INSTEAD: Mapping[str, str] = {
     "analysis export --format psych-ds": (
         "export with --format bids, or write the tables with 'metamerlab analysis tidy'"
     ),
+    ".obj": "export the scene as glTF (.glb), which Blender and trimesh write",
 }
 """Words that name a removed part, as a user writes them, and what to do instead.
 

@@ -21,6 +21,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import check_condition_name, condition_names
 from pipeline.methods.registry import check_method_name, method_names
 from protocols.display import Display
+from protocols.gone import gone
 from protocols.recipes.warped_clips import ExrScene
 from protocols.study_file.own_stimuli import (
     REFERENCE,
@@ -82,7 +83,7 @@ def bring_scene(
     Parameters
     ----------
     scene : str
-        A ``.glb``, ``.gltf`` or ``.obj`` file, or the name of a built-in scene.
+        A ``.glb`` or ``.gltf`` file, or the name of a built-in scene.
     study : Path
         Folder of the new study.
     taken : collection of str
@@ -104,9 +105,9 @@ def bring_scene(
         name = unused_name(scene, taken)
         made = (f'builtin = "{scene}"', f"seed = {len(taken) + 1}")
         return OwnScene(name, _label(scene), ('kind = "builtin"', *made, _CIRCLE))
-    if path.suffix.lower() not in ENDINGS:
+    if path.suffix.lower() not in ENDINGS and gone(path.suffix.lower()) is None:
         raise InputError(
-            f"--scene {scene}: must be a {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]} file, or a"
+            f"--scene {scene}: must be a {' or '.join(ENDINGS)} file, or a"
             f" built-in scene ({', '.join(scene_names())}). Photographs are given with --photos,"
             " OpenEXR frames with --exr, and a pair with --pair; a picture with a depth file is"
             " written into study.toml, where a new study has an example"

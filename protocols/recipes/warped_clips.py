@@ -211,7 +211,7 @@ class BuiltinScene(SceneBase):
 
 
 class MeshScene(SceneBase):
-    """Textured triangles from a glTF 2.0 (.gltf, .glb) or Wavefront (.obj) file."""
+    """Textured triangles from a glTF 2.0 file (.gltf, .glb)."""
 
     kind: Literal["mesh"]
     file: Text

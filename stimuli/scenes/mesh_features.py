@@ -1,8 +1,8 @@
 """Statements that a mesh file may make: each is honoured, refused or noted.
 
-The readers (`gltf`, `wavefront`) draw what is honoured here and nothing else; `docs/stimuli.md`
-shows the rows. What is in no row is noted, or refused where it must change the picture: an
-extension that a file requires, a statement of an .obj or .mtl file.
+The reader (`gltf`) draws what is honoured here and nothing else; `docs/stimuli.md` shows the rows.
+What is in no row is noted, or refused where it must change the picture: an extension that a file
+requires.
 """
 
 from __future__ import annotations
@@ -23,8 +23,6 @@ _REST, _PLAIN = "the pose at rest is drawn", "points and lines are not drawn"
 _ITS_OWN, _FIRST = "its meaning is its program's own", "colours are those of COLOR_0"
 _CUT = "drawn as a cut at one half; half transparent: refused"
 _NEEDS = "must not need glTF extensions that are not supported; "
-_MOVED = "must have its surface where it is drawn; move the surface itself before it is exported"
-_MASK = "must say by map_d where it is clear; use map_d, in which white is opaque"
 
 NUMBERS: Final = {
     5120: "byte", 5121: "unsigned byte", 5122: "short", 5123: "unsigned short",
@@ -133,38 +131,8 @@ ROWS: Final = (
     Row("glTF extension", "KHR_xmp|KHR_xmp_json_ld|EXT_mesh_manifold|EXT_mesh_features"
         "|EXT_instance_features|EXT_structural_metadata|FB_ngon_encoding", "noted",
         "it does not change the picture"),
-    Row(".obj", "v|vt|vn|f|fo|o|g|s|usemtl|mtllib", "honoured", _DRAWN),
-    Row(".obj", "p|l", "noted", _PLAIN),
-    Row(".obj", "vp|mg|lod|bevel|c_interp|d_interp|shadow_obj|trace_obj", "noted",
-        "it says how other programs show the mesh"),
-    Row(".obj", "cstype|deg|bmat|step|curv|curv2|surf|parm|trim|hole|scrv|sp|end|con|ctech|stech"
-        "|bsp|bzp|cdc|cdp|res|scmp", "refused", "must not have free-form surfaces; export it as"
-        " polygons"),
-    Row(".obj", "usemap|maplib", "refused", "must have its pictures in a library; use map_Kd of an"
-        " .mtl file in its place"),
-    Row(".obj", "call|csh", "refused", "must not call another file; put what it brings into this"
-        " file"),
-    Row(".mtl", "newmtl|kd|map_kd|ke|map_ke", "honoured", f"{_DRAWN}, in letters of any case"),
-    Row(".mtl", "d|tr|map_d", "honoured", _CUT),
-    Row(".mtl", "ka|ks|ns|ni|tf|illum|sharpness|pr|pm|ps|pc|pcr|aniso|anisor|map_ka|map_ks|map_ns"
-        "|map_bump|bump|norm|map_norm|refl|map_refl|map_pr|map_pm|map_ps|map_pc|map_pcr|map_rma"
-        "|map_orm", "noted", _MATTE),
-    Row(".mtl", "map_aat", "noted", "edges are not smoothed"),
-    Row(".mtl", "decal", "refused", "must have one picture; put it into the picture of map_Kd"),
-    Row(".mtl", "disp|map_disp", "refused", _MOVED),
-    Row(".mtl", "map_tr|map_opacity", "refused", _MASK),
-    Row("options of map_", "-s|-o|-clamp|-imfchan", "honoured", _DRAWN),
-    Row("options of map_", "-mm", "refused", "must show its pictures as they are; change the"
-        " picture itself, and leave -mm out", but("", (0.0, 1.0))),
-    Row("options of map_", "-t", "refused", "must show its pictures as they are; leave -t out",
-        but("", (0.0, 0.0, 0.0), (0.0, 0.0), (0.0,))),
-    Row("options of map_", "-cc", "refused", "must show its pictures as they are; change the"
-        " picture itself, and leave -cc out", but("", "off")),
-    Row("options of map_", "-blendu|-blendv", "noted", _FILTERED, but("", "on")),
-    Row("options of map_", "-boost|-texres", "noted", _FILTERED),
-    Row("options of map_", "-bm|-type", "noted", _MATTE),
 )  # fmt: skip
-"""The table of meshes. Statements of .mtl files are in small letters: writers differ in theirs."""
+"""The table of meshes."""
 
 INSIDE: Final = {
     "document": {
@@ -206,7 +174,6 @@ class Notes:
     path: Path
     _left_out: dict[str, set[str]] = field(default_factory=dict)
     _said: dict[str, None] = field(default_factory=dict)
-    _beside: list[Notes] = field(default_factory=list)
 
     def left_out(self, what: str, why: str) -> None:
         """Note something that is not drawn."""
@@ -216,11 +183,6 @@ class Notes:
         """Note anything else, once."""
         self._said.setdefault(sentence)
 
-    def beside(self, path: Path) -> Notes:
-        """Return the notes of another file of the mesh, which come after these."""
-        self._beside.append(Notes(path))
-        return self._beside[-1]
-
     def lines(self) -> tuple[str, ...]:
         """Return one line for each reason."""
         left = []
@@ -228,11 +190,10 @@ class Notes:
             names = [visible_line(name)[:90] for name in sorted(what)]
             more = f" and {len(names) - 12} more" if len(names) > 12 else ""
             left.append(f"left out {', '.join(names[:12])}{more}: {why}")
-        own = [f"{self.path}: {sentence}" for sentence in (*left, *self._said)]
-        return (*own, *(line for notes in self._beside for line in notes.lines()))
+        return tuple(f"{self.path}: {sentence}" for sentence in (*left, *self._said))
 
-    def judge(self, row: Row, what: str, value: object, found: str = "") -> None:
-        """Note a statement as its row says; `found` names it in an error.
+    def judge(self, row: Row, what: str, value: object) -> None:
+        """Note a statement as its row says.
 
         Raises
         ------
@@ -241,7 +202,7 @@ class Notes:
         """
         plain = row.judge is not None and row.judge(value, {}) is None
         if row.verdict == "refused" and not plain:
-            raise row.error(self.path, found or f"{what} is {value!r}")
+            raise row.error(self.path, f"{what} is {value!r}")
         if row.verdict == "noted" and not plain:
             self.left_out(what, row.words)
 
@@ -320,21 +281,3 @@ def _extension(notes: Notes, name: str, content: Any, kind: str) -> None:
         notes.left_out(name, "what the file holds in its place is drawn")
     elif row.verdict == "noted":
         notes.left_out(name, row.words)
-
-
-def check_statement(notes: Notes, of: str, word: str, line: int) -> bool:
-    """Judge a statement of an .obj or .mtl file: True if it is drawn; what is left out is noted.
-
-    Raises
-    ------
-    InputError
-        If it is refused, or in no row.
-    """
-    row = row_of(of, word)
-    if row is None:
-        raise InputError(
-            f"{notes.path}: line {line}: must begin with a statement that is known (got"
-            f" {word[:40]!r}); delete the line, or export it again"
-        )
-    notes.judge(row, word, None, f"line {line}: {word!r}")
-    return row.verdict == "honoured"

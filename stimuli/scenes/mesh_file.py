@@ -1,4 +1,4 @@
-"""Scenes from glTF 2.0 (.glb, .gltf) and Wavefront (.obj) files.
+"""Scenes from glTF 2.0 files (.glb, .gltf).
 
 `mesh_features` says what of a file is drawn; what is not is noted or refused. Light is either what
 the textures hold (unlit: most scenes made for games have it baked in), or one sun with shadows and
@@ -23,7 +23,6 @@ from stimuli.scenes.gltf import Document
 from stimuli.scenes.mesh_features import UNKNOWN, Notes, check_gltf
 from stimuli.scenes.mesh_inputs import check_lists, document, files_of, other_chunks
 from stimuli.scenes.mesh_surface import Shape, laid_uv, material_of, with_alpha
-from stimuli.scenes.wavefront import read_obj
 
 SUN = Light(
     sun_direction=(-0.65, 0.7, 0.35),
@@ -89,8 +88,6 @@ def load_world(
 
 
 def _shapes(path: Path, notes: Notes) -> Iterator[Shape]:
-    if path.suffix.lower() == ".obj":
-        return read_obj(path, notes)
     read = document(path)
     check_gltf(notes, read)
     for kind in other_chunks(path):

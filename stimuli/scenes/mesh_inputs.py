@@ -7,17 +7,12 @@ others.
 from __future__ import annotations
 
 import base64
-import codecs
-import filecmp
 import io
 import json
-import math
-import re
 import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from itertools import chain
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, unquote_to_bytes
@@ -27,17 +22,12 @@ from PIL import Image
 from pipeline.errors import InputError
 from pipeline.picture_limits import check_memory, check_vertices
 from protocols.errors import did_you_mean
-from protocols.limits import FIXED, check_within
+from protocols.gone import gone
+from protocols.limits import check_within
 from protocols.outside import bounded_bytes, parsed_json, visible_line
 from stimuli.scenes.builtin_scenes import scene_names
-from stimuli.scenes.mesh_features import row_of
 
-ENDINGS = (".glb", ".gltf", ".obj")
-PICTURES = ("map_Kd", "map_d", "map_Ke")
-"""Statements of .mtl files whose pictures are drawn."""
-_MOST_CORNERS = FIXED["corners"].most
-_LONGEST_NAME = FIXED["names"].most
-"""Characters of a statement that names files; it may name several, with options."""
+ENDINGS = (".glb", ".gltf")
 _MOST_BYTES = 1 << 60
 """Largest count of bytes: what is longer is as much too long, and this fits a float."""
 _VERTEX_BYTES, _INDEX_BYTES, _NUMBER_BYTES, _SHOWN = 1000, 30, 8, 2
@@ -53,7 +43,6 @@ _DRAWN = (
 )
 """Places where a material names pictures that are drawn."""
 _INSTANCES = "EXT_mesh_gpu_instancing"
-_VALUES_OF = {"-s": (1, 3), "-o": (1, 3), "-t": (1, 3), "-mm": (2, 2)}
 
 
 class MissingPartError(InputError, FileNotFoundError):
@@ -61,7 +50,7 @@ class MissingPartError(InputError, FileNotFoundError):
 
 
 def files_of(path: Path) -> list[Path]:
-    """Return `path` and every file that it names: buffers, images, material libraries.
+    """Return `path` and every file that it names: buffers and images.
 
     Raises
     ------
@@ -72,98 +61,30 @@ def files_of(path: Path) -> list[Path]:
         or its kind is unknown.
     """
     if path.suffix.lower() not in ENDINGS:
-        near = did_you_mean(str(path), scene_names())
-        raise InputError(f"{path}: must end in {', '.join(ENDINGS)}{near}")
+        ending = path.suffix.lower()
+        why = (
+            f"; {ending} {gone(ending)}" if gone(ending) else did_you_mean(str(path), scene_names())
+        )
+        raise InputError(f"{path}: must end in {', '.join(ENDINGS)}{why}")
     if not path.is_file():
         raise FileNotFoundError(2, "No such file", str(path))
     found = [path]
-    if path.suffix.lower() == ".obj":
-        for library in libraries_of(path):
-            found.append(_named(path, path, library, "material library"))
-            place = found[-1]
-            found += [_named(path, place, image, "texture") for image in _images_of(path, place)]
-    else:
-        read = document(path)
-        for kind, what in (("buffers", "buffer"), ("images", "texture")):
-            named = (entry.get("uri") for entry in read.get(kind, []))
-            uris = dict.fromkeys(uri for uri in named if isinstance(uri, str))
-            check_within("nodes", len(uris), InputError, path, f"{kind} that differ")
-            for uri in uris:
-                if not is_data(uri):
-                    found.append(_named(path, path, uri, what))
+    read = document(path)
+    for kind, what in (("buffers", "buffer"), ("images", "texture")):
+        named = (entry.get("uri") for entry in read.get(kind, []))
+        uris = dict.fromkeys(uri for uri in named if isinstance(uri, str))
+        check_within("nodes", len(uris), InputError, path, f"{kind} that differ")
+        found += [_named(path, uri, what) for uri in uris if not is_data(uri)]
     return list(dict.fromkeys(found))
 
 
-def libraries_of(path: Path) -> list[str]:
-    """Return the material libraries that an .obj file names; a line may name several."""
-    found: list[str] = []
-    for text in words_after(path, "mtllib"):
-        whole = _is_file(place_of(path, text))
-        found += [text] if whole else re.split(r"(?<=\.mtl)\s+", text, flags=re.IGNORECASE)
-    return list(dict.fromkeys(found))
-
-
-def place_of(mesh: Path, name: str, named_in: Path | None = None) -> Path:
-    """Return the file that a mesh, or a library of its, means by a name.
-
-    Names may be written with %20, backslashes or quotation marks. A library's are looked for
-    beside the mesh, and beside the library.
-
-    Raises
-    ------
-    InputError
-        If two files can be meant that differ.
-    """
+def place_of(mesh: Path, name: str) -> Path:
+    """Return the file that a mesh means by a name: with %20, backslashes or quotation marks."""
     plain = name.strip()
     bare = plain.strip('"')
-    texts = [plain, bare, unquote(bare), bare.replace("\\", "/")]
-    if mesh.suffix.lower() != ".obj":  # a uri is always encoded
-        texts.insert(0, unquote(plain))
-    found = [
-        next(filter(_is_file, (folder / text for text in texts if text)), None)
-        for folder in dict.fromkeys((mesh.parent, (named_in or mesh).parent))
-    ]
-    there = [place for place in found if place is not None]
-    if len(there) > 1 and not filecmp.cmp(there[0], there[1], shallow=False):
-        raise InputError(
-            f"{named_in}: must name one file ({name[:80]!r} may be {there[0]} or {there[1]}, which"
-            " differ); delete or rename one of them"
-        )
-    return there[0] if there else mesh.parent / unquote(bare)
-
-
-def name_and_options(
-    mesh: Path, library: Path, text: str
-) -> tuple[str, list[tuple[str, list[str]]]]:
-    """Return the file that a ``map_`` statement of an .mtl file names, and its options.
-
-    Raises
-    ------
-    InputError
-        If an option is not known, or lacks its values.
-    """
-    words, options = text.split(), []
-    while words and words[0].startswith("-") and not _is_file(place_of(mesh, text, library)):
-        option = words.pop(0).lower()
-        if row_of("options of map_", option) is None:
-            raise InputError(
-                f"{library}: must have options that are known (got {option[:40]!r}, in"
-                f" {text[:80]!r}); leave it out, or export it again"
-            )
-        least, most = _VALUES_OF.get(option, (1, 1))
-        numbers = most > 1
-        count = 0
-        while count < min(most, len(words) - 1) and (not numbers or _is_number(words[count])):
-            count += 1
-        if count < least:
-            raise InputError(
-                f"{library}: {option} must have {least} values before the picture's name (got"
-                f" {text[:80]!r}); write them, or leave it out"
-            )
-        options.append((option, words[:count]))
-        words = words[count:]
-        text = text.split(None, 1 + count)[-1]
-    return text, options
+    texts = (unquote(plain), plain, bare, unquote(bare), bare.replace("\\", "/"))
+    places = (mesh.parent / text for text in texts if text)
+    return next(filter(_is_file, places), mesh.parent / unquote(bare))
 
 
 def check_lists(path: Path) -> None:
@@ -179,12 +100,6 @@ def check_lists(path: Path) -> None:
     """
     files = files_of(path)
     packed = sum(file.stat().st_size for file in files)
-    if path.suffix.lower() == ".obj":
-        _check_obj(path)
-        libraries = [place_of(path, name) for name in libraries_of(path)]
-        images = (place_of(path, n, place) for place in libraries for n in _images_of(path, place))
-        _check_pictures(path, [(str(image), image) for image in images], packed)
-        return
     read = document(path)
     try:
         _check_gltf(path, read, packed)
@@ -202,26 +117,6 @@ def check_lists(path: Path) -> None:
         raise InputError(
             f"{path}: must be a whole glTF 2.0 file ({visible_line(repr(error))}); export it again"
         ) from None
-
-
-def _check_obj(path: Path) -> None:
-    found: Counter[str] = Counter({"v": 0})
-    corners = longest = 0
-    with path.open(encoding="latin-1") as file:
-        for line in file:
-            word = line[:2].strip()
-            found[word] += 1
-            # A line that ends in a backslash goes on: with its next ones it is one.
-            corners = line.count(" ") + line.count("\t") + (corners if corners else 0)
-            longest = max(longest, corners)
-            if not line.rstrip("\n").endswith("\\"):
-                corners = 0
-    if longest > _MOST_CORNERS:
-        raise InputError(
-            f"{path}: a face must have at most {_MOST_CORNERS:,} corners (a line has"
-            f" {longest:,} parts); cut its faces into triangles"
-        )
-    check_vertices(path, max(found.values()))
 
 
 def _check_gltf(path: Path, read: dict[str, Any], packed: int) -> None:
@@ -411,50 +306,6 @@ def document(path: Path) -> dict[str, Any]:
     return read
 
 
-def _as_latin_1(error: UnicodeError) -> tuple[str, int]:
-    assert isinstance(error, UnicodeDecodeError)
-    return error.object[error.start : error.end].decode("latin-1"), error.end
-
-
-codecs.register_error("as latin-1", _as_latin_1)
-
-
-def statements(path: Path) -> Iterator[tuple[int, str, str]]:
-    """Yield number, first word in small letters, and rest of the lines that are no remarks.
-
-    A line that ends in a backslash goes on in the next one. Bytes that are no UTF-8 are Latin-1.
-    """
-    kept, start = "", 0
-    with path.open(encoding="utf-8-sig", errors="as latin-1") as file:
-        for number, line in enumerate(chain(file, [""]), 1):
-            if not kept and line.lstrip().startswith("#"):
-                continue
-            start = start if kept else number
-            if "\\" in line and line.rstrip().endswith("\\"):
-                kept += line.rstrip()[:-1] + " "
-                continue
-            words, kept = (kept + line).split(None, 1), ""
-            if words:
-                rest = words[1].rstrip() if len(words) > 1 else ""
-                if "#" in rest and not _is_file(path.parent / rest):
-                    rest = re.split(r"(?:^|\s+)#(?:\s|$)", rest)[0]
-                yield start, words[0].lower(), rest
-
-
-def words_after(path: Path, key: str) -> list[str]:
-    """Return the words that follow a keyword at a line's beginning, in any case, each once."""
-    check_within("text", path.stat().st_size, InputError, path, "bytes")
-    lines = (rest for _, word, rest in statements(path) if word == key.lower() and rest)
-    found = list(dict.fromkeys(lines))
-    check_within("nodes", len(found), InputError, path, f"{key} lines that differ")
-    if any(len(rest) > _LONGEST_NAME for rest in found):
-        raise InputError(
-            f"{path}: what follows {key} must have at most {_LONGEST_NAME:,} characters (a line has"
-            " more); export it again"
-        )
-    return found
-
-
 def _is_file(path: Path) -> bool:
     """True if it is a file; a name that is too long for one is none."""
     try:
@@ -471,29 +322,17 @@ def _leads_out(folder: Path, place: Path) -> bool:
         return False
 
 
-def _is_number(word: str) -> bool:
-    try:
-        return math.isfinite(float(word))
-    except ValueError:
-        return False
-
-
-def _images_of(mesh: Path, library: Path) -> list[str]:
-    found = [text for key in PICTURES for text in words_after(library, key)]
-    return [name_and_options(mesh, library, text)[0] for text in found]
-
-
-def _named(mesh: Path, named_in: Path, name: str, what: str) -> Path:
+def _named(mesh: Path, name: str, what: str) -> Path:
     """Return the file of a name, which must be there and not leave the mesh's folder."""
-    place = place_of(mesh, name, named_in)
+    place = place_of(mesh, name)
     if _leads_out(mesh.parent, place):
         raise InputError(
-            f"{named_in}: must name files in its own folder ({name!r} lies outside); put the"
+            f"{mesh}: must name files in its own folder ({name!r} lies outside); put the"
             f" {what} itself there, or export the scene as one .glb file"
         )
     if not _is_file(place):
         raise MissingPartError(
-            f"{named_in}: names a {what} that is missing ({visible_line(str(place))}); put it"
+            f"{mesh}: names a {what} that is missing ({visible_line(str(place))}); put it"
             " there, or export the scene as one .glb file"
         )
     return place

@@ -44,7 +44,7 @@ class Surface:
     emission : (r, g, b)
         Linear light of its own, a factor on `glow`.
     mode : str
-        As glTF's alphaMode; CUT is an .obj's picture with an alpha, which no statement asks for.
+        As glTF's alphaMode.
     wrap : (str, str)
         Along u and v.
     nearest : bool
@@ -57,7 +57,7 @@ class Surface:
     picture: Pixels | None = None
     glow: Pixels | None = None
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    mode: Literal["OPAQUE", "MASK", "BLEND", "CUT"] = "OPAQUE"
+    mode: Literal["OPAQUE", "MASK", "BLEND"] = "OPAQUE"
     cutoff: float = 0.5
     wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
     nearest: bool = False
@@ -192,11 +192,6 @@ def _coverage(
     opaque, clear = (_OPAQUE, _CLEAR) if np.ptp(levels) else (255, 1)
     if (levels >= opaque).all():
         return None
-    if surface.mode == "CUT":
-        if not (levels < 128).any():
-            return None
-        notes.say(f"the picture of material {surface.name!r} is cut where its alpha is below .5")
-        return alpha
     if (levels < clear).all():
         return np.zeros_like(alpha)
     between = (levels >= clear) & (levels < opaque)
@@ -210,8 +205,7 @@ def _coverage(
         raise InputError(
             f"{notes.path}: material {surface.name!r} must be opaque or cut out (it blends with"
             f" what is behind it, {where}), because a pixel of a warp has one depth; make it opaque"
-            " (alphaMode OPAQUE, d 1) or cut out (alphaMode MASK, a map_d of black and white), or"
-            " delete its faces"
+            " (alphaMode OPAQUE) or cut out (alphaMode MASK), or delete its faces"
         )
     if between.any():
         notes.say(f"the soft rim of material {surface.name!r} is cut where its alpha is below .5")

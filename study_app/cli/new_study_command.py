@@ -72,7 +72,7 @@ class OwnOptions:
     """Scenes, pairs, pictures and methods of the user's own."""
 
     scene: Annotated[list[str] | None, typer.Option(metavar="FILE")] = None
-    """A 3D file of yours (.glb, .gltf, .obj), or a built-in scene; may be given more than once. It
+    """A 3D file of yours (.glb, .gltf), or a built-in scene; may be given more than once. It
     is copied, with all that it names, and views of it are drawn."""
     pair: Annotated[list[str] | None, typer.Option(metavar="LEFT RIGHT DISPARITY")] = None
     """A rectified pair of photographs of yours, with the disparity of the left one; may be given

@@ -132,9 +132,7 @@ class LightingOptions:
 
 @app.command()
 def look(
-    scene: Annotated[
-        str, typer.Argument(help="A .glb, .gltf or .obj file, or a built-in scene's name.")
-    ],
+    scene: Annotated[str, typer.Argument(help="A .glb or .gltf file, or a built-in scene's name.")],
     out: Annotated[Path, typer.Option(help="Contact sheet to write, .png.")] = Path("views.png"),
     scale: Annotated[float, typer.Option(help="Metres per unit of the file.")] = 1.0,
     views: Annotated[int, typer.Option(min=1, max=64, help="Number of views to draw.")] = 12,
@@ -197,9 +195,7 @@ def look(
 
 @app.command()
 def panorama(
-    scene: Annotated[
-        str, typer.Argument(help="A built-in scene's name, or a .glb, .gltf or .obj file.")
-    ],
+    scene: Annotated[str, typer.Argument(help="A built-in scene's name, or a .glb or .gltf file.")],
     out: Annotated[Path, typer.Option(help="Picture to write, .png.")],
     height_px: Annotated[
         int, typer.Option(help="Height, 16 to 4096; the panorama is twice as wide.")

@@ -18,6 +18,7 @@ import forked
 import numpy as np
 import pytest
 from attack.builds import contents, kill_builds
+from built_study import box_document
 from PIL import Image
 
 import stimuli.build
@@ -122,7 +123,12 @@ def test_two_textures_of_one_base_name_are_two_files(small_study, tmp_path, read
     for folder in ("a", "b"):
         (study / folder).mkdir()
         shutil.copy(study / "wall.png", study / folder / "t.png")
-    (study / "box.mtl").write_text("newmtl wall\nmap_Kd a/t.png\nnewmtl box\nmap_Kd b/t.png\n")
+    box = box_document() | {
+        "images": [{"uri": "a/t.png"}, {"uri": "b/t.png"}],
+        "textures": [{"source": 0}, {"source": 1}],
+    }
+    box["materials"][1]["pbrMetallicRoughness"] = {"baseColorTexture": {"index": 1}}
+    (study / "box.gltf").write_text(json.dumps(box))
 
     def keys() -> dict[str, str]:
         plan = read_plan(study / small_study.name)
@@ -597,8 +603,8 @@ def test_no_scheduler_at_the_address_is_said():
     ("old", "new", "message"),
     [
         ('name = "telea"', 'name = "telia"', "did you mean 'telea'"),
-        ('file = "box.obj"', 'file = "bax.obj"', "bax.obj"),
-        ('kind = "mesh"\nfile = "box.obj"', 'kind = "builtin"\nbuiltin = "gardn"', "garden"),
+        ('file = "box.gltf"', 'file = "bax.gltf"', "bax.gltf"),
+        ('kind = "mesh"\nfile = "box.gltf"', 'kind = "builtin"\nbuiltin = "gardn"', "garden"),
         ("extent_m = 0.16", "extent_m = 90.0", r"^\w+, \w+: (?!motor)[^:]*extent[^:]* must "),
         ("extent_m = 0.16", "hole_share = 0.45", r"^\w+, \w+: the path must uncover 45 %"),
     ],
@@ -650,7 +656,7 @@ def test_a_refused_build_shows_its_message_and_no_bar(small_study, tmp_path):
         ("box, small: the path must end", "box, small: the path must end"),
         ("box__small__reference: no frame", "box__small__reference: no frame"),
         ("box__small__reference: box: no frame", "box__small__reference: no frame"),
-        ("box.obj: is broken", "box, small: box.obj: is broken"),
+        ("box.gltf: is broken", "box, small: box.gltf: is broken"),
     ],
 )
 def test_a_mistake_is_placed_once(plan, tmp_path, inline_class, said, told):

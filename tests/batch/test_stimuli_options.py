@@ -38,9 +38,9 @@ def test_sixteen_bits_float_frames_and_no_preview(study, read_plan, inline, tmp_
     path = study(
         ("[stimuli.clips]", "[stimuli.clips]\nbit_depth = 16\nexr = true\npreview = false")
     )
-    out, box = tmp_path / "clips", path.parent / "box.obj"
-    box.write_text(box.read_text() + "l 1 2\n")
-    noted = "box.obj: left out l: points and lines are not drawn"
+    out, box = tmp_path / "clips", path.parent / "box.gltf"
+    box.write_text(box.read_text().replace('"nodes"', '"cameras": [{}], "nodes"'))
+    noted = "box.gltf: left out document.cameras: the camera is the study's"
     clips = build(read_plan(path), out, inline).manifest.clips
     said = {clip.name: clip.parameters.get("noted") for clip in clips}
     assert said == {name: noted if name.startswith("box") else None for name in said}
@@ -86,7 +86,7 @@ def test_a_real_gltf_scene_and_a_real_pair_build_from_one_protocol(study, tmp_pa
         f" vertical_fov_deg = {camera['vfov_deg']} }}"
     )
     path = study(
-        ('file = "box.obj"', f'file = "{name}.glb"'),
+        ('file = "box.gltf"', f'file = "{name}.glb"'),
         ("view = { position_m = [0, 0, 0], look_at_m = [0, 0, -1], vertical_fov_deg = 60 }", view),
         ("extent_m = 0.16", "hole_share = 0.04"),
         ('left = "motorcycle"', 'left = "motorcycle_left.png"'),

@@ -2,39 +2,27 @@
 
 from __future__ import annotations
 
+import base64
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
 from protocols.load import shipped
 
-OBJ = """mtllib box.mtl
-v -16 -12 -12
-v 16 -12 -12
-v -16 12 -12
-v 16 12 -12
-v -0.4 -0.5 -2
-v 0.4 -0.5 -2
-v -0.4 0.5 -2
-v 0.4 0.5 -2
-vt 0 0
-vt 3 0
-vt 0 3
-vt 3 3
-usemtl wall
-f 1/1 2/2 4/4
-f 1/1 4/4 3/3
-usemtl box
-f 5/1 6/2 8/4
-f 5/1 8/4 7/3
-"""
-MTL = "newmtl wall\nmap_Kd wall.png\nnewmtl box\nKd 0.7 0.1 0.1\n"
+CORNERS = [
+    [x, y, z] for side_x, side_y, z in ((16, 12, -12), (0.4, 0.5, -2))
+    for y in (-side_y, side_y) for x in (-side_x, side_x)
+]  # fmt: skip
+UV = [[0, 1], [3, 1], [0, -2], [3, -2]] * 2
+FACES = [0, 1, 3, 0, 3, 2, 4, 5, 7, 4, 7, 6]
 SCENES = """
 [[stimuli.scenes]]
 name = "box"
 kind = "mesh"
-file = "box.obj"
+file = "box.gltf"
 view = { position_m = [0, 0, 0], look_at_m = [0, 0, -1], vertical_fov_deg = 60 }
 camera = { kind = "circle" }
 
@@ -64,13 +52,60 @@ name = "telea"
 """
 
 
+def box_document() -> dict[str, Any]:
+    """Return the box before its wall as glTF: the wall has a picture, the box is red."""
+    data = np.array(CORNERS, "<f4").tobytes() + np.array(UV, "<f4").tobytes()
+    data += np.array(FACES, "<u2").tobytes()
+    floats = {"bufferView": 0, "componentType": 5126, "count": 8}
+    indices = {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}
+    shared = {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}}
+    wall = {"baseColorTexture": {"index": 0}}
+    return {
+        "asset": {"version": "2.0"},
+        "buffers": [
+            {
+                "byteLength": len(data),
+                "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode(),
+            }
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 160},
+            {"buffer": 0, "byteOffset": 160, "byteLength": 24},
+        ],
+        "accessors": [
+            {**floats, "type": "VEC3"},
+            {**floats, "byteOffset": 96, "type": "VEC2"},
+            indices,
+            {**indices, "byteOffset": 12},
+        ],
+        "images": [{"uri": "wall.png"}],
+        "textures": [{"source": 0}],
+        "materials": [
+            {"name": "wall", "doubleSided": True, "pbrMetallicRoughness": wall},
+            {
+                "name": "box",
+                "doubleSided": True,
+                "pbrMetallicRoughness": {"baseColorFactor": [0.7, 0.1, 0.1, 1]},
+            },
+        ],
+        "meshes": [
+            {
+                "primitives": [
+                    {**shared, "indices": 2, "material": 0},
+                    {**shared, "indices": 3, "material": 1},
+                ]
+            }
+        ],
+        "nodes": [{"mesh": 0}],
+    }
+
+
 def write_small_study(folder: Path) -> Path:
     """Write the study's protocol and its files; return the protocol."""
     rng = np.random.default_rng(3)
     noise = rng.integers(40, 220, (32, 32, 3), dtype=np.uint8)
     Image.fromarray(np.repeat(np.repeat(noise, 4, 0), 4, 1)).save(folder / "wall.png")
-    (folder / "box.obj").write_text(OBJ)
-    (folder / "box.mtl").write_text(MTL)
+    (folder / "box.gltf").write_text(json.dumps(box_document()))
     path = folder / "small.toml"
     path.write_text(study_text(shipped("studies")["demo"].read_text()))
     return path

@@ -214,7 +214,7 @@ def test_networks_are_copied_and_folders_of_frames_are_found_from_the_study(
     ("words", "said"),
     [
         (["--scene", "none.glb"], "none.glb"),
-        (["--scene", "{own}/left.png"], "must be a .glb, .gltf or .obj file, or a built-in scene"),
+        (["--scene", "{own}/left.png"], "must be a .glb or .gltf file, or a built-in scene"),
         (["--scene", "{own}/small.toml"], "OpenEXR frames with --exr"),
         (["--scene", "{own}/broken.glb"], "broken.glb"),
         (["--scene", "gardn"], "garden"),

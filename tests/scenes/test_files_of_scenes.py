@@ -19,10 +19,6 @@ from protocols.recipes.warped_clips import MeshScene, RgbdScene, StereoScene
 from stimuli.rendering.open_scene import open_world, scene_files, scene_inputs
 from stimuli.scenes.mesh_file import load_world
 
-FACES = (
-    "v -1 -1 -3\nv 1 -1 -3\nv -1 1 -3\nv 1 1 -3\nvt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\n"
-    "usemtl one\nf 1/1 2/2 4/4\nusemtl two\nf 1/1 4/4 3/3\n"
-)
 CAMERA = {"kind": "circle"}
 _opened: list[Path] | None = None
 
@@ -63,21 +59,8 @@ def mesh(file: str) -> MeshScene:
 
 
 @pytest.fixture
-def obj(tmp_path) -> Path:
-    """A mesh with two pictures of one base name, in folders of their own."""
-    for folder, grey in (("a", 50), ("b", 200)):
-        picture(tmp_path / folder / "t.png", grey)
-    (tmp_path / "lib").mkdir()
-    (tmp_path / "lib/m.mtl").write_text(
-        "newmtl one\n\tMAP_KD a/t.png\nnewmtl two\nmap_Kd  b\\t.png\n"
-    )
-    (tmp_path / "s.obj").write_text(f"  mtllib lib/m.mtl\n{FACES}")
-    return tmp_path
-
-
-@pytest.fixture
 def gltf(tmp_path) -> Path:
-    """The same as glTF, with buffer and picture in files of their own."""
+    """A mesh with buffer and picture in files of their own."""
     visual = trimesh.visual.TextureVisuals(
         uv=[[0, 0], [1, 0], [0, 1]],
         material=trimesh.visual.material.PBRMaterial(
@@ -98,18 +81,6 @@ def gltf(tmp_path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("file", ["a/t.png", "b/t.png", "lib/m.mtl", "s.obj"])
-def test_each_file_of_an_obj_changes_its_key(obj, file):
-    before = scene_inputs(mesh("s.obj"), obj)
-    assert set(scene_files(mesh("s.obj"), obj)) == {"s.obj", "lib/m.mtl", "a/t.png", "b/t.png"}
-    if file.endswith("png"):
-        picture(obj / file, 123)
-    else:
-        (obj / file).write_text((obj / file).read_text() + "# a remark\n")
-
-    assert scene_inputs(mesh("s.obj"), obj) != before
-
-
 def test_each_file_of_a_gltf_changes_its_key(gltf):
     files = scene_files(mesh("s.gltf"), gltf)
     assert {"s.gltf", "maps/red wall.png"} < set(files)
@@ -120,13 +91,6 @@ def test_each_file_of_a_gltf_changes_its_key(gltf):
         path.write_bytes(data + b" ")
         assert scene_inputs(mesh("s.gltf"), gltf) != before
         path.write_bytes(data)
-
-
-@pytest.mark.parametrize("text", ["newmtl One\n", "newmtl other\n", ""])
-def test_a_material_that_no_library_has_is_no_plain_grey(obj, text):
-    (obj / "lib/m.mtl").write_text(f"{text}map_Kd a/t.png\nnewmtl two\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"m\.mtl lack 'one'\); export it again"):
-        load_world(obj / "s.obj")
 
 
 @pytest.mark.parametrize(
@@ -155,18 +119,11 @@ def test_a_picture_by_coordinates_that_are_not_there_is_refused(gltf):
         load_world(gltf / "s.gltf")
 
 
-def test_two_pictures_of_one_base_name_are_both_shown(obj):
-    parts = load_world(obj / "s.obj").parts
-    assert sorted(int(part.material.texture[0, 0, 0]) for part in parts) == [50, 200]
+def test_a_loader_opens_nothing_that_was_not_hashed(gltf):
+    scene = mesh("s.gltf")
+    files = {path.resolve() for path in scene_files(scene, gltf).values()}
 
-
-@pytest.mark.parametrize("kind", ["obj", "gltf"])
-def test_a_loader_opens_nothing_that_was_not_hashed(kind, request):
-    folder = request.getfixturevalue(kind)
-    scene = mesh(f"s.{kind}")
-    files = {path.resolve() for path in scene_files(scene, folder).values()}
-
-    assert opened_below(folder.resolve(), lambda: open_world(scene, folder)) == files
+    assert opened_below(gltf.resolve(), lambda: open_world(scene, gltf)) == files
 
 
 def test_pictures_with_depth_open_nothing_that_was_not_hashed(tmp_path):
@@ -191,21 +148,18 @@ def test_pictures_with_depth_open_nothing_that_was_not_hashed(tmp_path):
         assert opened_below(tmp_path.resolve(), lambda s=scene, r=load: r(s, tmp_path)) <= files
 
 
-@pytest.mark.parametrize(
-    ("library", "image"),
-    [("../m.mtl", None), ("lib/m.mtl", "../t.png"), ("lib/m.mtl", "/etc/hostname"),
-     ("lib/m.mtl", "a/../../t.png")],
-)  # fmt: skip
-def test_a_mesh_does_not_reach_outside_its_folder(tmp_path, library, image):
-    folder = tmp_path / "mesh"
-    (folder / "lib").mkdir(parents=True)
-    (folder / "a").mkdir()
-    picture(tmp_path / "t.png", 9)
-    (folder / library).write_text(f"newmtl one\n{f'map_Kd {image}' if image else ''}\n")
-    (folder / "s.obj").write_text(f"mtllib {library}\n{FACES}")
+@pytest.mark.parametrize("kind", ["images", "buffers"])
+@pytest.mark.parametrize("name", ["../t.png", "/etc/hostname", "a/../../t.png"])
+def test_a_mesh_does_not_reach_outside_its_folder(gltf, kind, name):
+    folder = gltf / "mesh"
+    (folder / "a").mkdir(parents=True)
+    picture(gltf / "t.png", 9)
+    document = json.loads((gltf / "s.gltf").read_text())
+    document[kind][0]["uri"] = name
+    (folder / "s.gltf").write_text(json.dumps({"asset": document["asset"], kind: document[kind]}))
 
     with pytest.raises(InputError, match="must name files in its own folder"):
-        load_world(folder / "s.obj")
+        load_world(folder / "s.gltf")
 
 
 BAD = {
@@ -213,15 +167,6 @@ BAD = {
     "text": lambda _: b"no picture",
     "empty": lambda _: b"",
 }
-
-
-@pytest.mark.parametrize("harm", BAD)
-def test_an_obj_picture_that_cannot_be_read_is_named(obj, harm):
-    path = obj / "b/t.png"
-    path.write_bytes(BAD[harm](path.read_bytes()))
-
-    with pytest.raises(InputError, match=r"b.t\.png: which m\.mtl names, must be a picture"):
-        load_world(obj / "s.obj")
 
 
 @pytest.mark.parametrize("harm", BAD)

@@ -1,4 +1,4 @@
-"""Scenes from glTF and OBJ files, whole and broken."""
+"""Scenes from glTF files, whole and broken."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.load import parse_view
 from protocols.recipes.warped_clips import MeshScene
+from stimuli.bring_in import bring_scene
 from stimuli.pages.scene_views import ScenePreview, look_around
 from stimuli.rendering.open_scene import open_world
 from stimuli.rendering.render import WorldRenderer
 from stimuli.rendering.world import Viewpoint
 from stimuli.scenes.mesh_file import load_world
-from stimuli.scenes.mesh_inputs import files_of
 from study_app.cli.stimuli_commands import app
 
 AHEAD = Viewpoint((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 60.0)
@@ -82,24 +82,11 @@ def test_masked_materials_are_cut_out(tmp_path, draw):
     assert np.isinf(frame.depth_m[30, 32])
 
 
-def test_an_obj_with_its_library_and_picture_is_read(tmp_path, draw):
-    halves((200, 20, 20), (20, 20, 200)).convert("RGB").save(tmp_path / "p.png")
-    (tmp_path / "m.mtl").write_text("newmtl a\nKd 1 1 1\nmap_Kd p.png\n")
-    (tmp_path / "s.obj").write_text(
-        "mtllib m.mtl\nv -1 -1 -3\nv 1 -1 -3\nv -1 1 -3\nv 1 1 -3\n"
-        "vt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\nusemtl a\nf 1/1 2/2 4/4\nf 1/1 4/4 3/3\n"
-    )
-    assert [path.name for path in files_of(tmp_path / "s.obj")] == ["s.obj", "m.mtl", "p.png"]
-    frame = draw(load_world(tmp_path / "s.obj"))
-    np.testing.assert_allclose(frame.colour[18, 32] * 255, (200, 20, 20), atol=1)
-    np.testing.assert_allclose(frame.colour[30, 32] * 255, (20, 20, 200), atol=1)
-
-
 def test_a_missing_picture_is_named(tmp_path):
-    (tmp_path / "m.mtl").write_text("newmtl a\nmap_Kd gone.png\n")
-    (tmp_path / "s.obj").write_text("mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    with pytest.raises(InputError, match=r"m\.mtl: names a texture that is missing .*gone\.png"):
-        load_world(tmp_path / "s.obj")
+    document = {"asset": {"version": "2.0"}, "images": [{"uri": "gone.png"}]}
+    (tmp_path / "s.gltf").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"s\.gltf: names a texture that is missing .*gone\.png"):
+        load_world(tmp_path / "s.gltf")
 
 
 def test_a_missing_gltf_buffer_is_named(tmp_path):
@@ -133,9 +120,9 @@ def test_a_huge_scene_is_refused(tmp_path, monkeypatch):
 
 
 def test_an_empty_scene_and_a_wrong_ending_are_refused(tmp_path):
-    (tmp_path / "s.obj").write_text("v 0 0 0\n")
+    (tmp_path / "s.gltf").write_text('{"asset": {"version": "2.0"}}')
     with pytest.raises(InputError, match=r"at least one triangle|must be a whole"):
-        load_world(tmp_path / "s.obj")
+        load_world(tmp_path / "s.gltf")
     (tmp_path / "s.fbx").write_text("")
     with pytest.raises(InputError, match=r"must end in \.glb"):
         load_world(tmp_path / "s.fbx")
@@ -143,32 +130,36 @@ def test_an_empty_scene_and_a_wrong_ending_are_refused(tmp_path):
         load_world(tmp_path / "none.glb")
 
 
-HOUSE = """mtllib house.mtl
-v -9 0 9
-v 9 0 9
-v 9 0 -9
-v -9 0 -9
-v -1 0 1
-v 1 0 1
-v 1 0 -1
-v -1 0 -1
-v 0 2 0
-usemtl grass
-f 1 2 3 4
-usemtl roof
-f 5 6 9
-f 6 7 9
-f 7 8 9
-f 8 5 9
-"""
+def test_an_obj_is_refused_with_the_cure_at_every_door(tmp_path):
+    path = tmp_path / "s.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    said = r"s\.obj: must end in \.glb, \.gltf; \.obj was removed: export the scene as glTF"
+    with pytest.raises(InputError, match=said):
+        load_world(path)
+    with pytest.raises(InputError, match=said):
+        bring_scene(str(path), tmp_path / "study", [], None)
+    for words in ("look", "panorama"):
+        result = CliRunner().invoke(app, [words, str(path), "--out", str(tmp_path / "o.png")])
+        assert result.exit_code == 2
+        assert ".obj was removed" in " ".join(result.output.split())
 
 
 @pytest.fixture
 def house(tmp_path):
     """Write a pyramid of 2 m on a lawn, in plain colours, without normals."""
-    (tmp_path / "house.obj").write_text(HOUSE)
-    (tmp_path / "house.mtl").write_text("newmtl grass\nKd 0.3 0.5 0.2\nnewmtl roof\nKd 0.7 0.4 0.3")
-    return tmp_path / "house.obj"
+    lawn = [[-9, 0, 9], [9, 0, 9], [9, 0, -9], [-9, 0, -9]]
+    roof = [[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1], [0, 2, 0]]
+    scene = trimesh.Scene()
+    for corners, faces, colour in (
+        (lawn, [[0, 1, 2], [0, 2, 3]], (0.3, 0.5, 0.2, 1.0)),
+        (roof, [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], (0.7, 0.4, 0.3, 1.0)),
+    ):
+        material = trimesh.visual.material.PBRMaterial(baseColorFactor=colour, doubleSided=True)
+        visual = trimesh.visual.TextureVisuals(material=material)
+        scene.add_geometry(trimesh.Trimesh(corners, faces, visual=visual, process=False))
+    path = tmp_path / "house.glb"
+    path.write_bytes(scene.export(file_type="glb", include_normals=False))
+    return path
 
 
 FRONT = Viewpoint((0.0, 3.0, 7.0), (0.0, 0.7, 0.0), 45.0)

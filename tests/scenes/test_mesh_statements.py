@@ -1,4 +1,4 @@
-"""Statements of glTF, .obj and .mtl files: drawn right, refused or noted, each beside a control."""
+"""Statements of glTF files: drawn right, refused or noted, each beside a control."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ import zlib
 from urllib.parse import quote
 
 import numpy as np
-import odd_pictures as odd
 import pytest
-from built_study import write_small_study
+from built_study import box_document, write_small_study
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -27,7 +26,7 @@ from stimuli.rendering.world import Viewpoint
 from stimuli.scenes import mesh_surface
 from stimuli.scenes.mesh_features import INSIDE, ROWS
 from stimuli.scenes.mesh_file import load_world
-from stimuli.scenes.mesh_inputs import data_of_uri, files_of, place_of
+from stimuli.scenes.mesh_inputs import data_of_uri, place_of
 from study_app.cli import app as whole_app
 from study_app.cli.stimuli_commands import app as typer_app
 
@@ -40,8 +39,7 @@ def features(of):
 OTHERS = {"extension", "objects"}
 KINDS_OF_OBJECTS = {row.of[5:] for row in ROWS if row.of.startswith("glTF ")} - OTHERS
 GLTF = {kind: features(f"glTF {kind}") for kind in KINDS_OF_OBJECTS if "numbers of" not in kind}
-GLTF_EXTENSIONS, OPTIONS = features("glTF extension"), features("options of map_")
-OBJ, MTL = features(".obj"), features(".mtl")
+GLTF_EXTENSIONS = features("glTF extension")
 FALLBACKS = [name for name, row in GLTF_EXTENSIONS.items() if row.verdict == "refused"]
 TURNED = (b"eXIf", b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0")
 VIEW = Viewpoint((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), 60.0)
@@ -872,256 +870,6 @@ def test_normals_of_every_type_and_bent_by_skins_and_morphs_light_as_floats(draw
     assert differing(lit(by_morph), control) == 0
 
 
-# .obj and .mtl
-
-SQUARE = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
-FACE = "f 1/1 2/2 3/3 4/4\n"
-PLAIN = f"mtllib m.mtl\n{SQUARE}usemtl a\n{FACE}"
-
-
-@pytest.fixture
-def obj(tmp_path):
-    """Write an .obj file with its library and pictures."""
-
-    for name, pixels in (
-        ("p.png", marked()[..., :3]),
-        ("alpha.png", marked((255, 0))),
-        ("mask.png", np.repeat([255, 0], 16).astype(np.uint8)[:, None] * np.ones(32, np.uint8)),
-        ("soft.png", np.full((4, 4), 128, np.uint8)),
-        ("green.png", marked((255, 255))[..., :3] * [0, 1, 0] // 200 * 255),
-        ("my p.png", marked()[..., :3]),
-    ):
-        Image.fromarray(np.asarray(pixels, np.uint8)).save(tmp_path / name)
-
-    def write(text=PLAIN, library="map_Kd p.png\n"):
-        (tmp_path / "m.mtl").write_text(f"newmtl a\n{library}")
-        (tmp_path / "s.obj").write_text(text)
-        return tmp_path / "s.obj"
-
-    return write
-
-
-def by_hand(uv=UV, pixels=None, **material):
-    return Gltf(**material).painted(pixels, uv=uv)
-
-
-UPPER = marked((255, 0))
-KD = Gltf(pbrMetallicRoughness={"baseColorFactor": [0.2, 0.5, 0.9, 1]})
-COLOURED = "".join(
-    f"v {x} {y} 0 {r} {g} {b}\n" for (x, y, _), (r, g, b) in zip(QUAD, COLOURS, strict=True)
-)
-L_SHAPE = "v -1 -1 0\nv 1 -1 0\nv 1 0 0\nv 0 0 0\nv 0 1 0\nv -1 1 0\n"
-COMB = "".join(
-    f"v {x} {y} 0\n" for x, y in (
-        (-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (0.6, 0.9), (0.6, -0.6), (0.15, -0.6),
-        (0.15, 0.9), (-0.15, 0.9), (-0.15, -0.6), (-0.6, -0.6), (-0.6, 0.9), (-0.9, 0.9))
-)  # fmt: skip
-OBJ_HONOURED = {
-    "a picture": (PLAIN, "map_Kd p.png\n", by_hand),
-    "negative numbers": (
-        PLAIN.replace(FACE, "f -4/-4 -3/-3 -2/-2 -1/-1\n"), "map_Kd p.png\n", by_hand),
-    "negative numbers before more": (
-        PLAIN.replace(FACE, "f -4/-4 -3/-3 -2/-2 -1/-1\nv 9 9 9\nvt 3 3\n"),
-        "map_Kd p.png\n", by_hand),
-    "triangles": (PLAIN.replace(FACE, "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"), "map_Kd p.png\n", by_hand),
-    "a line that goes on": (
-        PLAIN.replace("f 1/1 2/2", "f 1/1 \\\n  2/2"), "map_Kd p.png\n", by_hand),
-    "remarks": (PLAIN.replace("usemtl", "# f 1 2 \\\nusemtl").replace("4/4", "4/4 # a wall"),
-                "map_Kd p.png\n", by_hand),
-    "groups": (PLAIN.replace("usemtl a", "o house\ng wall front\ns 1\nusemtl a\ng other"),
-               "map_Kd p.png\n", by_hand),
-    "fo": (PLAIN.replace("f 1/1", "fo 1/1"), "map_Kd p.png\n", by_hand),
-    "normals": (
-        PLAIN.replace(FACE, "vn 0 0 1\nf 1/1/1 2/2/1 3/3/1 4/4/-1\n"), "map_Kd p.png\n", by_hand),
-    "weights and depth of coordinates": (
-        PLAIN.replace("v 1 1 0\n", "v 1 1 0 1.0\n").replace("vt 1 1\n", "vt 1 1 0\n"),
-        "map_Kd p.png\n", by_hand),
-    "two libraries": (
-        PLAIN.replace("mtllib m.mtl", "mtllib other.mtl m.mtl"), "map_Kd p.png\n", by_hand),
-    "a name with a space": (PLAIN, "map_Kd my p.png\n", by_hand),
-    "options before a name with a space": (PLAIN, "map_Kd -s 2 2 -clamp off my p.png\n",
-                                           lambda: by_hand(UV * 2)),
-    "capitals": (PLAIN, "MAP_KD p.png\n", by_hand),
-    "colours at vertices": (COLOURED + "f 1 2 3 4\n", "", lambda: coloured(3)),
-    "a face with a dent": (
-        PLAIN.split("v -1")[0] + L_SHAPE + "usemtl a\nf 2 3 4 5 6 1\n", "Kd 0.2 0.5 0.9\n",
-        lambda: corner_of(KD)),
-    "a face with four dents": (
-        "mtllib m.mtl\n" + COMB + "usemtl a\nf 1 2 3 4 5 6 7 8 9 10 11 12\n",
-        "Kd 0.2 0.5 0.9\n", lambda: of_bars(KD)),
-    "a face with four dents, turned": (
-        "mtllib m.mtl\n" + COMB + "usemtl a\nf 5 4 3 2 1 12 11 10 9 8 7 6\n",
-        "Kd 0.2 0.5 0.9\n", lambda: of_bars(KD)),
-    "Kd": (PLAIN, "Kd 0.2 0.5 0.9\n", lambda: KD),
-    "Kd of one number": (PLAIN, "Kd 0.5\n", lambda: filled([0.5, 0.5, 0.5, 1])),
-    "d of 1": (PLAIN, "map_Kd p.png\nd 1.0\nTr 0\n", by_hand),
-    "-s": (PLAIN, "map_Kd -s 4 2 1 p.png\n", lambda: by_hand(UV * [4, 2])),
-    "-s and -o": (PLAIN, "map_Kd -s 2 2 -o 0.25 0.5 0 p.png\n",
-                  lambda: by_hand(UV * 2 + [0.25, -1.5])),
-    "-clamp": (PLAIN, "map_Kd -s 2 2 -clamp on p.png\n",
-               lambda: by_hand(UV * 2 - [0, 1]).sampled(33071, 33071)),
-    "-mm, -t, -cc, -blendu that say nothing": (
-        PLAIN, "map_Kd -mm 0 1 -t 0 0 0 -cc off -blendu on p.png\n", by_hand),
-    "map_d": (PLAIN, "map_Kd p.png\nmap_d mask.png\n",
-              lambda: by_hand(UV, UPPER, alphaMode="MASK")),
-    "map_d by its alpha": (PLAIN, "map_Kd p.png\nmap_d alpha.png\n",
-                           lambda: by_hand(UV, UPPER, alphaMode="MASK")),
-    "map_d by a channel": (
-        PLAIN, "map_Kd p.png\nmap_d -imfchan g green.png\n",
-        lambda: by_hand(UV, with_alpha_of([[0, 1], [0, 1]]), alphaMode="MASK")),
-    "map_d alone": (PLAIN, "Kd 0.2 0.5 0.9\nmap_d mask.png\n", lambda: filled(
-        [0.2, 0.5, 0.9, 1], np.where(np.arange(4) == 3, UPPER, 255).astype(np.uint8),
-        alphaMode="MASK")),
-    "alpha of a picture": (PLAIN, "map_Kd alpha.png\n",
-                           lambda: by_hand(UV, UPPER, alphaMode="MASK")),
-    "Ke": (PLAIN, "Kd 0.2 0.1 0\nKe 0 0.5 1\n", lambda: glowing([0, 0, 0], [0.2, 0.6, 1])),
-    "map_Ke": (PLAIN, "Kd 0 0 0\nmap_Ke p.png\n", by_hand),
-}  # fmt: skip
-
-
-def corner_of(made):
-    made = copy.deepcopy(made)
-    corners = np.array([line.split()[1:] for line in L_SHAPE.splitlines()], float)
-    made.attributes["POSITION"] = made.add(corners)
-    made.part["indices"] = made.add([0, 1, 2, 0, 2, 3, 0, 3, 4, 0, 4, 5], USHORT, "SCALAR")
-    return made
-
-
-def of_bars(made):
-    """The comb as its back and its teeth."""
-    made = copy.deepcopy(made)
-    bars = [QUAD * [0.9, 0.15, 1] + np.array([0, -0.75, 0])]
-    bars += [QUAD * [0.15, 0.9, 1] + np.array([x, 0, 0]) for x in (-0.75, 0, 0.75)]
-    made.attributes["POSITION"] = made.add(np.vstack(bars))
-    corners = [corner + 4 * bar for bar in range(4) for corner in FACES]
-    made.part["indices"] = made.add(corners, USHORT, "SCALAR")
-    return made
-
-
-def with_alpha_of(quarters):
-    pixels = marked()
-    pixels[..., 3] = np.kron(quarters, np.full((16, 16), 255))
-    return pixels
-
-
-@pytest.mark.parametrize("feature", OBJ_HONOURED)
-def test_what_an_obj_says_is_drawn_as_the_plain_control(draw, obj, tmp_path, feature):
-    text, library, control = OBJ_HONOURED[feature]
-    (tmp_path / "other.mtl").write_text("newmtl b\nKd 1 0 0\n")
-    shown = draw(obj(text, library), lighting="unlit")
-    assert differing(shown, draw(control(), lighting="unlit")) == 0
-
-
-def test_every_statement_that_is_honoured_is_in_a_file_with_a_control():
-    texts = "".join(text for text, *_ in OBJ_HONOURED.values())
-    libraries = "newmtl a\n" + "".join(library for _, library, _ in OBJ_HONOURED.values())
-    for features, tried in (
-        (OBJ, {line.split()[0].lower() for line in texts.splitlines()}),
-        (MTL, {line.split()[0].lower() for line in libraries.splitlines()}),
-        (OPTIONS, set(libraries.lower().split())),
-    ):
-        assert {n for n, f in features.items() if f.verdict == "honoured"} - tried == set()
-
-
-def test_what_an_obj_says_besides_is_noted_and_changes_nothing(draw, obj):
-    control = draw(obj())
-    for word in [word for word, feature in OBJ.items() if feature.verdict == "noted"]:
-        path = obj(PLAIN + f"{word} 1 2\n")
-        (note,) = load_world(path).notes
-        assert note.startswith(f"{path}: left out {word}: ")
-    assert (draw(path) == control).all()
-    for word in [word for word, feature in MTL.items() if feature.verdict == "noted"]:
-        path = obj(library=f"map_Kd p.png\n{word} 0.5 0.5 0.5\n")
-        (note,) = load_world(path).notes
-        assert f"m.mtl: left out {word}: " in note
-    assert (draw(path) == control).all()
-    for option in [word for word, feature in OPTIONS.items() if feature.verdict == "noted"]:
-        path = obj(library=f"map_Kd {option} off p.png\n")
-        (note,) = load_world(path).notes
-        assert f"left out {option} of map_kd" in note
-    assert (draw(path) == control).all()
-
-
-@pytest.mark.parametrize(
-    ("library", "said"),
-    [
-        ("map_Kd p.png\nKd 0.2 0.2 0.2\n", "Kd beside map_Kd"),
-        ("map_Ke p.png\nKe 0.2 0.2 0.2\n", "Ke beside map_Ke"),
-        ("Kd 1 1 1\nd 1\nTr 1\n", "Tr beside d: d counts"),
-        ("map_Kd alpha.png\n", "cut where its alpha is below .5"),
-        ("map_Kd -imfchan r p.png\n", "-imfchan of map_kd"),
-    ],
-)
-def test_what_counts_of_two_statements_is_noted(obj, library, said):
-    (note,) = load_world(obj(library=library)).notes
-    assert said in note
-
-
-REFUSED_BESIDE = {
-    **{word: (PLAIN + f"{word} 1 2\n", "map_Kd p.png\n")
-       for word, feature in {**OBJ, "wibble": None}.items()
-       if feature is None or feature.verdict == "refused"},
-    **{f"map_Kd p.png\n{word}": (PLAIN, f"map_Kd p.png\n{word} 1\n")
-       for word, feature in {**MTL, "wibble": None}.items()
-       if feature is None or feature.verdict == "refused"},
-    "-mm 0 2": (PLAIN, "map_Kd -mm 0 2 p.png\n"),
-    "-t 1": (PLAIN, "map_Kd -t 1 p.png\n"),
-    "-cc on": (PLAIN, "map_Kd -cc on p.png\n"),
-    "-wibble": (PLAIN, "map_Kd -wibble 1 p.png\n"),
-    "one depth": (PLAIN, "Kd 0.2 0.5 0.9\nd 0.15\n"),
-    "blends with": (PLAIN, "Kd 0.2 0.5 0.9\nd 0.98\n"),
-    "positions must be finite": (PLAIN.replace("v 1 1 0", "v 1 inf 0"), "Kd 1 1 1\n"),
-    "position_m must be finite": (PLAIN.replace("v 1 1 0", "v 1 1e300 0"), "Kd 1 1 1\n"),
-    "one depth;": (PLAIN, "Kd 0.2 0.5 0.9\nTr 0.85\n"),
-    "can be seen": (PLAIN, "Kd 0.2 0.5 0.9\nTr 1\n"),
-    "a pixel of a warp": (PLAIN, "map_Kd p.png\nmap_d soft.png\n"),
-    "d must be one number": (PLAIN, "Kd 1 1 1\nd -halo 0.5\n"),
-    "kd must be three numbers": (PLAIN, "Kd spectral glass.rfl 1\n"),
-    "must lie alike": (PLAIN, "map_Kd -s 2 2 p.png\nmap_d mask.png\n"),
-    "once for a material": (PLAIN, "Kd 1 1 1\nKd 0 0 0\n"),
-    "describe each material once": (PLAIN, "Kd 1 1 1\nnewmtl a\nKd 0 0 0\n"),
-    "kd of material 'a' must be from 0 to 1 (got 0 to 255)": (PLAIN, "Kd 255 128 0\n"),
-    "kd of material 'a' must be from 0 to 1 (got -0.1 to 1)": (PLAIN, "Kd 1 -0.1 1\n"),
-    "map_kd must be the name of a picture": (PLAIN, "map_Kd # none\n"),
-    "d of material 'a' must be from 0 to 1": (PLAIN, "d 255\n"),
-    "colours of v must be from 0 to 1 (got 0 to 255)": (
-        COLOURED.replace(" 1.0 0.0 0.0\n", " 255 0 0\n") + "f 1 2 3 4\n", ""),
-    "numbers are written '1 1_0 0'": (PLAIN.replace("v 1 1 0", "v 1 1_0 0"), ""),
-    "numbers are written '1/1 2/2 3/3 4/0_4'": (PLAIN.replace("4/4", "4/0_4"), ""),
-    "a face names a vt that is not there": (PLAIN.replace("4/4", "4/0"), "map_Kd p.png\n"),
-    "names a vt that is not there": (PLAIN.replace("4/4", "4/-5"), "map_Kd p.png\n"),
-    "a face names a vn that is not there": (PLAIN.replace("4/4", "4/4/0"), ""),
-    "a face names a v that is not there": (PLAIN.replace("4/4", "0/4"), ""),
-    "a vt that is not there": (PLAIN.replace("4/4", "4/9"), "map_Kd p.png\n"),
-    "three corners": (PLAIN.replace(FACE, "f 1 2\n"), ""),
-}  # fmt: skip
-
-
-CURED = {
-    "one depth": (PLAIN, "Kd 0.2 0.5 0.9\nd 1\n"),
-    "one depth;": (PLAIN, "Kd 0.2 0.5 0.9\nd 1\n"),
-    "blends with": (PLAIN, "Kd 0.2 0.5 0.9\nmap_d mask.png\n"),
-    "can be seen": (PLAIN, "Kd 0.2 0.5 0.9\nd 1\n"),
-    "a pixel of a warp": (PLAIN, "map_Kd p.png\nmap_d mask.png\n"),
-    "d must be one number": (PLAIN, "Kd 1 1 1\nd 1\n"),
-    "kd must be three numbers": (PLAIN, "Kd 1 0.5 0\n"),
-    "must lie alike": (PLAIN, "map_Kd -s 2 2 p.png\nmap_d -s 2 2 mask.png\n"),
-    "once for a material": (PLAIN, "Kd 1 1 1\n"),
-    "describe each material once": (PLAIN, "Kd 1 1 1\n"),
-}
-"""Files as the messages say to make them; for all others, the line or the option is left out."""
-
-
-@pytest.mark.parametrize("said", REFUSED_BESIDE)
-def test_what_an_obj_must_not_say_is_refused_with_a_cure(obj, said):
-    text, library = REFUSED_BESIDE[said]
-    with pytest.raises(InputError) as found:
-        load_world(obj(text, library))
-    assert said.split("\n")[-1].rstrip(";") in str(found.value)
-    assert "; " in str(found.value)
-    load_world(obj(*CURED.get(said, (PLAIN, "map_Kd p.png\n"))))
-
-
 def test_a_part_that_is_not_here_is_no_mistake_of_a_study(tmp_path):
     """Built clips are enough to run sessions."""
     study = write_small_study(tmp_path)
@@ -1130,36 +878,23 @@ def test_a_part_that_is_not_here_is_no_mistake_of_a_study(tmp_path):
     assert result.exit_code == 0, result.output
 
 
-def test_smoothing_groups_light_faces_without_normals(draw, obj):
-    """A ridge of two faces: smoothed, the light passes over the edge without a step."""
-    ridge = "v -1 -1 0\nv 0 -1 0.3\nv 1 -1 0\nv -1 1 0\nv 0 1 0.3\nv 1 1 0\n"
-    faces = "f 1 2 5 4\nf 2 3 6 5\n"
-    flat, smooth, apart = (
-        draw(obj(ridge + text, ""), sun_direction=(-1, 0.2, 1))[32].sum(axis=1)
-        for text in (faces, "s 1\n" + faces, "s 1\nf 1 2 5 4\ns 2\nf 2 3 6 5\n")
-    )
-    assert abs(flat[30] - flat[34]) > 40
-    assert abs(smooth[30] - smooth[34]) < 20
-    assert (apart == flat).all()
-
-
-@pytest.mark.parametrize("link", ["p.png", "m.mtl", "sub"])
-def test_a_link_inside_the_folder_does_not_lead_out_of_it(obj, tmp_path, link):
-    path = obj(library="map_Kd sub/p.png\n" if link == "sub" else "map_Kd p.png\n")
-    folder = tmp_path / "scene"
+@pytest.mark.parametrize("link", ["wall.png", "sub"])
+def test_a_link_inside_the_folder_does_not_lead_out_of_it(tmp_path, link):
+    folder, path = tmp_path / "scene", tmp_path / "scene" / "box.gltf"
     folder.mkdir()
-    for name in ("s.obj", "m.mtl", "p.png"):
-        (tmp_path / name).rename(folder / name)
+    write_small_study(folder)
+    if link == "sub":
+        path.write_text(path.read_text().replace("wall.png", "sub/wall.png"))
     outside = tmp_path / "outside"
     outside.mkdir()
     if link == "sub":
-        (folder / "p.png").rename(outside / "p.png")
+        (folder / "wall.png").rename(outside / "wall.png")
         (folder / "sub").symlink_to(outside)
     else:
         (folder / link).rename(outside / link)
         (folder / link).symlink_to(outside / link)
     with pytest.raises(InputError, match=r"in its own folder \(.* lies outside\)"):
-        load_world(folder / path.name)
+        load_world(path)
     # The cure: the file itself.
     if link == "sub":
         (folder / "sub").unlink()
@@ -1167,7 +902,7 @@ def test_a_link_inside_the_folder_does_not_lead_out_of_it(obj, tmp_path, link):
     else:
         (folder / link).unlink()
         (outside / link).rename(folder / link)
-    assert load_world(folder / path.name).parts
+    assert load_world(path).parts
 
 
 # Situations that people reported to other programs, with the right values
@@ -1180,12 +915,6 @@ def seen(shown, x, y):
 
 
 RED, GREEN, BLUE, WHITE = (220, 30, 30), (30, 200, 30), (40, 60, 220), (240, 240, 240)
-WALL = (
-    "v -1.5 -1.5 -0.1\nv 1.5 -1.5 -0.1\nv 1.5 1.5 -0.1\nv -1.5 1.5 -0.1\n"
-    "v -0.8 -0.8 0\nv 0.8 -0.8 0\nv 0.8 0.8 0\nv -0.8 0.8 0\n"
-    "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
-    "usemtl wall\nf 1/1 2/2 3/3 4/4\nusemtl a\nf 5/1 6/2 7/3 8/4\n"
-)
 
 
 @pytest.mark.parametrize("component", [USHORT, UBYTE])
@@ -1210,47 +939,6 @@ def test_a_fan_before_a_wall_is_there(draw):
 def test_a_sparse_panel_is_as_wide_as_its_substitutes_say(tmp_path):
     low, high = load_world(panel(True).save(tmp_path / "p.glb")).bounds_m
     np.testing.assert_allclose(high - low, [2.4, 2, 0])
-
-
-def test_a_leaf_is_a_disc_and_a_pane_is_refused(draw, obj, tmp_path):
-    y, x = np.mgrid[:64, :64]
-    disc = (np.hypot(x - 31.5, y - 31.5) < 24).astype(np.uint8) * 255
-    Image.fromarray(disc).save(tmp_path / "disc.png")
-    wall = "\nnewmtl wall\nmap_Kd p.png\n"
-    shown = draw(obj("mtllib m.mtl\n" + WALL, "Kd 0 1 0\nmap_d disc.png" + wall))
-    assert seen(shown, 0, 0) == seen(shown, 0.5, 0) == (0, 255, 0)
-    assert seen(shown, -0.7, 0.7) == RED  # the wall, through the corner of the card
-    with pytest.raises(InputError, match=r"material 'a' must be opaque or cut out"):
-        load_world(obj("mtllib m.mtl\n" + WALL, "Kd 0.2 0.5 0.9\nd 0.15" + wall))
-
-
-def test_a_picture_is_laid_as_often_as_its_option_says(draw, obj):
-    shown = draw(obj(library="map_Kd -s 4 4 1 p.png\n"))
-    row = [seen(shown, -0.9375 + 0.25 * index, 0.9375) for index in range(8)]
-    assert [red > green for red, green, _ in row] == [True, False] * 4
-
-
-HOLED = [*QUAD.tolist(), [-0.5, -0.5, 0], [-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0]]
-
-
-def obj_of(corners, faces):
-    lines = ["v {} {} {}".format(*corner) for corner in corners]
-    return "\n".join([*lines, *("f " + " ".join(map(str, face)) for face in faces), ""])
-
-
-@pytest.mark.parametrize("step", [1, -1])
-@pytest.mark.parametrize("repeated", [True, False])
-def test_a_hole_that_a_bridge_leads_to_is_no_part_of_a_face(draw, obj, step, repeated):
-    frame = [[1, 2, 8, 5], [2, 3, 7, 8], [3, 4, 6, 7], [4, 1, 5, 6]]
-    control = draw(obj(obj_of(HOLED, frame)), lighting="unlit")
-    assert differing(control, draw(obj(obj_of(HOLED, [[1, 2, 3, 4]])), lighting="unlit")) > 100
-    ring = [1, 2, 3, 4, 1, 5, 6, 7, 8, 5][::step]
-    for turn in range(len(ring)):
-        face = ring[turn:] + ring[:turn]
-        text = obj_of(HOLED, [face])
-        if not repeated:
-            text = obj_of([HOLED[corner - 1] for corner in face], [range(1, 11)])
-        assert differing(draw(obj(text), lighting="unlit"), control) == 0, face
 
 
 def many_targets(sparse):
@@ -1307,67 +995,10 @@ def test_texels_whose_alpha_is_the_cutoff_keep_their_colour(draw, cutoff):
     assert (shown == draw(moved())).all()
 
 
-TWO = "newmtl {0}\nKd +1 0 0 # red\nd 1 #all\n# newmtl none\nnewmtl {1} # the other\nmap_Kd {2}\n"
-TWO_FACES = f"mtllib m.mtl # it\n{SQUARE}usemtl {{0}} # one\nf 1/1 2/2 3/3\nusemtl {{1}}\nf 1 3 4\n"
-
-
-@pytest.mark.parametrize(
-    ("start", "names", "picture", "end", "coding"),
-    [
-        ("", ("a", "b"), "p.png", "\n", "utf-8"),
-        ("\ufeff", ("a", "b"), "p.png", "\r\n", "utf-8"),
-        ("", ("a", "b"), "p.png # its picture", "\r", "utf-8"),
-        ("", ("m\xfc", "m\xf6"), "gr\xfcn.png", "\n", "latin-1"),
-        ("", ("m\xfc", "m\xf6"), "gr\xfcn.png", "\n", "utf-8"),
-        ("", ("Material #25", "Material #26"), '"my p.png"', "\n", "utf-8"),
-        ("", ("a", "b"), "p # q.png", "\n", "utf-8"),
-        ("", ("a", "b"), '-s 1 1 "sub\\my p.png"', "\n", "utf-8"),
-    ],
-)
-def test_text_of_an_obj_is_read_as_programs_write_it(
-    obj, tmp_path, start, names, picture, end, coding
-):
-    path = obj()
-    (tmp_path / "sub").mkdir()
-    for name in ("gr\xfcn.png", "p # q.png", "sub/my p.png"):
-        (tmp_path / name).write_bytes((tmp_path / "p.png").read_bytes())
-    for name, text in (("m.mtl", TWO.format(*names, picture)), ("s.obj", TWO_FACES.format(*names))):
-        (tmp_path / name).write_bytes((start + text).replace("\n", end).encode(coding))
-    red, pictured = load_world(path, lighting="unlit").parts
-    assert (red.mesh.colour == [1, 0, 0]).all()
-    assert pictured.material.texture.shape == (32, 32, 4)
-
-
-def test_a_long_obj_of_carriage_returns_is_no_face(obj):
-    path = obj()
-    path.write_bytes((PLAIN + "v 0 0 0\n" * 1000).replace("\n", "\r").encode())
-    assert load_world(path).parts
-
-
-def test_a_picture_may_lie_beside_its_library_but_not_be_two(obj, tmp_path):
-    path = obj(PLAIN.replace("m.mtl", "mats/y.mtl"))
-    (tmp_path / "mats").mkdir()
-    (tmp_path / "mats/y.mtl").write_text("newmtl a\nmap_Kd yy.png\n")
-    beside, above = tmp_path / "mats/yy.png", tmp_path / "yy.png"
-    beside.write_bytes((tmp_path / "p.png").read_bytes())
-    assert files_of(path) == [path, tmp_path / "mats/y.mtl", beside]
-    assert load_world(path).parts[0].material.texture.shape == (32, 32, 4)
-    above.write_bytes(beside.read_bytes())
-    assert load_world(path).parts
-    above.write_bytes((tmp_path / "soft.png").read_bytes())
-    with pytest.raises(InputError, match=r"must name one file") as found:
-        load_world(path)
-    assert str(beside) in str(found.value)
-    assert str(above) in str(found.value)
-    above.unlink()
-    assert load_world(path).parts
-
-
-@pytest.mark.parametrize(("suffix", "wanted"), [(".gltf", "a b.png"), (".obj", "a%20b.png")])
-def test_a_uri_is_decoded_and_a_name_is_not(tmp_path, suffix, wanted):
+def test_a_uri_is_decoded(tmp_path):
     for name in ("a b.png", "a%20b.png"):
         (tmp_path / name).touch()
-    assert place_of(tmp_path / f"s{suffix}", "a%20b.png").name == wanted
+    assert place_of(tmp_path / "s.gltf", "a%20b.png").name == "a b.png"
 
 
 def colours_of(factor):
@@ -1389,31 +1020,6 @@ def test_colours_of_a_gltf_are_shares(tmp_path, made, cured, said):
         load_world(made().save(tmp_path / "s.glb"))
     assert said in str(found.value)
     assert load_world(cured().save(tmp_path / "s.glb")).parts
-
-
-@pytest.mark.parametrize(
-    ("last", "said"), [("0.5", True), ("1.0", False), ("1 0 0 1", False), ("1 0 0 0.5", True)]
-)
-def test_a_weight_or_an_alpha_of_a_corner_is_noted(obj, last, said):
-    path = obj(PLAIN.replace("v 1 1 0", f"v 1 1 0 {last}"))
-    assert [note for note in load_world(path).notes if "last number of v" in note] == [
-        f"{path}: left out last number of v: polygons have no weights, and corners no alpha"
-    ] * said
-
-
-@pytest.mark.parametrize("picture", ["turned", "light", "several"])
-def test_what_a_picture_of_an_obj_says_of_itself_counts(obj, tmp_path, picture):
-    path = obj(library="map_Kd q.gif\n" if picture == "several" else "map_Kd q.png\n")
-    if picture == "several":
-        odd.gif(tmp_path / "q.gif", frames=2)
-    else:
-        chunk = (b"gAMA", struct.pack(">I", 100_000)) if picture == "light" else TURNED
-        odd.png(tmp_path / "q.png", chunk)
-    with pytest.raises(InputError, match=r"q\.\w+: .*must (be stored|hold|be a picture)"):
-        load_world(path)
-    odd.png(tmp_path / "q.png", (b"pHYs", struct.pack(">IIB", 2, 1, 0)))  # uv say its shape
-    odd.gif(tmp_path / "q.gif")
-    assert load_world(path).parts
 
 
 def test_16_bits_of_grey_keep_their_clear_value():
@@ -1470,15 +1076,19 @@ def test_a_new_scene_of_a_study_says_what_is_left_out(tmp_path):
     assert not (tmp_path / "other").exists()
 
 
+HALF = {"baseColorFactor": [0.7, 0.1, 0.1, 0.5]}
+
+
 def test_a_check_of_a_study_says_what_is_left_out_and_refused(tmp_path):
     study = write_small_study(tmp_path)
-    box, library = tmp_path / "box.obj", tmp_path / "box.mtl"
-    box.write_text(box.read_text() + "l 1 2\n")
+    box, made = tmp_path / "box.gltf", box_document() | {"cameras": [{}]}
+    box.write_text(json.dumps(made))
     result = CliRunner().invoke(whole_app, ["protocol", "check", str(study)])
     assert result.exit_code == 0, result.output
-    said = f"{box}: left out l: points and lines are not drawn"
+    said = f"{box}: left out document.cameras: the camera is the study's"
     assert f"note: stimuli.scenes[0]: {said}" in result.stdout.splitlines()
-    library.write_text(library.read_text() + "d 0.5\n")
+    made["materials"][1] |= {"alphaMode": "BLEND", "pbrMetallicRoughness": HALF}
+    box.write_text(json.dumps(made))
     result = CliRunner().invoke(whole_app, ["protocol", "check", str(study)])
     assert result.exit_code == 2
     assert f"stimuli.scenes[0]: {box}: material 'box' must be opaque or cut out" in result.stderr

@@ -347,9 +347,6 @@ def chain(count: int, folder: Path) -> None:
     gltf(nodes=[*nodes, {"mesh": 0}])(folder)
 
 
-_TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
-
-
 def study(*changes: tuple[str, str]) -> Write:
     """The shipped study `demo` with some lines changed."""
 
@@ -701,33 +698,6 @@ def _meshes() -> Iterator[Bomb]:
     many = textured | {"materials": textured["materials"] * 500}
     yield Bomb("gltf with a texture in 500 materials",
                both(png("t.png", 2000, 2000), gltf(**many)), words)  # fmt: skip
-    words = "stimuli look s.obj --out o.png --views 1"
-    face = text("s.obj", _TRIANGLE, "f", (" 1", 3_000_000), "\n")
-    yield Bomb("obj face of 3e6 corners", face, words)
-    going_on = text("s.obj", _TRIANGLE, "f", (" 1\\\n", 3_000_000), "\n")
-    yield Bomb("obj face of 3e6 corners on as many lines", going_on, words)
-    groups = [f"usemtl m{n}\nf 1 2 3\n" for n in range(60_000)]
-    yield Bomb("obj of 60,000 materials", text("s.obj", _TRIANGLE, *groups), words)
-    yield Bomb("obj of one line of 1 GB", sparse("s.obj", 10**9), words)
-    named = text("s.obj", "mtllib s.mtl\n", _TRIANGLE, "usemtl m\nf 1 2 3\n")
-    small = png("t.png", 8, 8)
-    for name, rest in (
-        ("one statement of 200,000 options", ("map_Kd", (" -clamp on", 200_000), " t.png\n")),
-        ("200,000 pictures", (*(f"newmtl m{n}\nmap_Kd {n}/../t.png\n" for n in range(200_000)),)),
-        ("a picture named 200,000 times", (("map_Kd t.png\n", 200_000),)),
-    ):
-        library = text("s.mtl", "newmtl m\n", *rest)
-        yield Bomb(f"mtl of {name}", both(named, small, library), words)
-    library = text("s.mtl", "newmtl m\n")
-    for name, *lines in (
-        ("200,000 lines that name a library", ("mtllib s.mtl\n", 200_000)),
-        ("a line that names a library 200,000 times", "mtllib", (" s.mtl", 200_000), "\n"),
-    ):
-        written = text("s.obj", *lines, _TRIANGLE, "usemtl m\nf 1 2 3\n")
-        yield Bomb(f"obj with {name}", both(written, library), words)
-    used = both(png("t.png", 12_000, 12_000), text("s.mtl", "newmtl m\nmap_Kd t.png\n"),
-                text("s.obj", "mtllib s.mtl\n", _TRIANGLE, "usemtl m\nf 1 2 3\n"))  # fmt: skip
-    yield Bomb("obj with a texture 12,000 x 12,000", used, words)
 
 
 BOMBS = (
@@ -737,7 +707,7 @@ BOMBS = (
 """Every bomb."""
 QUICK = (
     "toml key of 20,000 parts", "archive.json of brackets", "video that is a list (ffconcat)",
-    "gltf accessor of 45e6 without a view", "mtl of one statement of 200,000 options",
+    "gltf accessor of 45e6 without a view", "gltf mesh shown 9,000 times",
     "png 5773 x 5773, foveate p.png o.png",
 )  # fmt: skip
 """Bombs that each run of the tests meets."""

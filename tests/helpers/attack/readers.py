@@ -179,14 +179,6 @@ READERS: tuple[Reader, ...] = (
     Reader("baked-texture", "t.moments", mutations.RAW, read_baked),
     Reader("mesh-glb", "s.glb", mutations.GLB, load_world, _haze),
     Reader("mesh-gltf", "gltf/s.gltf", mutations.TREE, load_world, _haze),
-    Reader("mesh-obj", "obj/s.obj", mutations.PLAIN, load_world, _haze),
-    Reader(
-        "material-mtl",
-        "mtl/s.mtl",
-        mutations.PLAIN,
-        lambda p: load_world(p.with_name("s.obj")),
-        _haze,
-    ),
     Reader("network-onnx", "net.onnx", mutations.RAW, _network, _anything, 0.5),
     Reader("denoising-onnx", "dn.onnx", mutations.RAW, _denoising, _anything, 0.5),
     Reader("pose", "poses.txt", mutations.PLAIN, lambda path: read_pose(f"{path}:2")),
@@ -333,17 +325,9 @@ def _write_meshes(folder: Path, picture: Any) -> None:
     box.visual = trimesh.visual.TextureVisuals(uv=uv, image=Image.fromarray(picture))
     scene = trimesh.Scene([box, trimesh.creation.icosphere(subdivisions=1)])
     (folder / "s.glb").write_bytes(scene.export(file_type="glb"))
-    for kind in ("gltf", "obj", "mtl"):
-        (folder / kind).mkdir()
+    (folder / "gltf").mkdir()
     for name, data in scene.export(file_type="gltf").items():
         (folder / "gltf" / ("s.gltf" if name.endswith(".gltf") else name)).write_bytes(data)
-    for kind in ("obj", "mtl"):
-        (folder / kind / "s.mtl").write_text("newmtl m\nKd 0.8 0.5 0.2\nd 1\nmap_Kd t.png\n")
-        Image.fromarray(picture).save(folder / kind / "t.png")
-        (folder / kind / "s.obj").write_text(
-            "mtllib s.mtl\nv 0 0 0\nv 1 0 0 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\n"
-            "vn 0 0 1\nusemtl m\nf 1/1/1 2/2/1 3/3/1\nf 1//1 3//1 4//1\nf -1 -2 -3\n"
-        )
 
 
 def _write_network(path: Path) -> None:
