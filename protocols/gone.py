@@ -13,6 +13,12 @@ INSTEAD: Mapping[str, str] = {
         "export with --format bids, or write the tables with 'metamerlab analysis tidy'"
     ),
     ".obj": "export the scene as glTF (.glb), which Blender and trimesh write",
+    "--gaze gazepoint": "run Gazepoint's LSL program and name its stream, as --gaze"
+    " lsl:GazepointEyeTracker,x=BPOGX,y=BPOGY,unit=norm (docs/trackers.md says what to check)",
+    "--gaze pupil": "send gaze on the screen as an LSL stream and name it, as --gaze"
+    " lsl:NAME,unit=norm (docs/trackers.md says how, by device)",
+    "--gaze tobii": "run TittaLSL or App-TobiiPro and name its stream, as --gaze"
+    " lsl:Tobii,x=left_x,y=left_y,unit=norm (docs/trackers.md says what to check)",
 }
 """Words that name a removed part, as a user writes them, and what to do instead.
 

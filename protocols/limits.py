@@ -76,9 +76,6 @@ FIXED: Final = {
     "effect_pairs": Limit(20_000_000, "pairs of them that its equations tie"),
     "channels": Limit(256, "channels of a stream of gaze"),
     "stream_hz": Limit(20_000, "samples a second of a stream of gaze"),
-    "tracker_line": Limit(1 << 16, "bytes of a line that a tracker sends"),
-    "tracker_answer": Limit(1 << 20, "bytes of an answer of a tracker"),
-    "tracker_waiting": Limit(1 << 26, "bytes of a tracker that wait to be read"),
     "jatos": Limit(2 << 30, "bytes of a package for JATOS"),
 }
 """Limits that nothing raises, by name."""

@@ -61,7 +61,7 @@ def doctor(
 
         metamerlab doctor --for sessions --folder recordings
 
-        metamerlab doctor --for sessions --gaze gazepoint
+        metamerlab doctor --for sessions --gaze eyelink
 
         metamerlab doctor --json > doctor.json
     """

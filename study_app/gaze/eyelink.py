@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from protocols.errors import StudyError
-from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo
-from study_app.gaze.wire import first_rate
+from study_app.gaze.source import CalibrationResult, GazeSample, RawFile, SourceInfo, first_rate
 
 if TYPE_CHECKING:
     from study_app.gaze.source import TrackerContext

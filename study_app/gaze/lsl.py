@@ -18,7 +18,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.limits import FIXED
 from protocols.outside import visible_line
-from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo
+from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo, rate_of
 
 _BUFFER_S = 10
 _CHANNELS_MOST = FIXED["channels"].most
@@ -337,11 +337,3 @@ def _labels(stream: Any) -> tuple[list[str], list[str]]:
         units.append(channel.child_value("unit"))
         channel = channel.next_sibling("channel")
     return labels, units
-
-
-def rate_of(stamps: Sequence[float], what: str = "gaze") -> float:
-    """Return the rate of samples with these stamps; `StudyError` if they do not move on."""
-    span_s = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
-    if span_s <= 0:
-        raise StudyError(f"{what}: the stream must say its rate, or send samples steadily")
-    return (len(stamps) - 1) / span_s

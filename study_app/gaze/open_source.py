@@ -13,14 +13,11 @@ from protocols.gone import gone
 from protocols.plugins import misfit, registered, taking
 from protocols.study_file.session_schema import Gaze
 from study_app.gaze.eyelink import EyelinkGaze
-from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.mouse import MouseGaze
-from study_app.gaze.pupil import PupilGaze
 from study_app.gaze.recording import Eye, Recording, load_recording
 from study_app.gaze.replay import ReplaySource
 from study_app.gaze.source import GazeSource, TrackerContext
-from study_app.gaze.tobii import TobiiGaze
 from study_app.gaze.trusted import TrustedGaze
 
 _METHODS = ("open", "info", "poll", "mark", "calibrate", "close")
@@ -64,9 +61,6 @@ ADAPTERS: dict[str, Callable[[str, TrackerContext], GazeSource]] = registered(
         "mouse": _mouse,
         "replay": _replay,
         "eyelink": EyelinkGaze,
-        "gazepoint": GazepointGaze,
-        "pupil": PupilGaze,
-        "tobii": TobiiGaze,
     },
     "name a function of (text after the colon, TrackerContext)",
     taking(2),

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 from protocols.display import Display
+from protocols.errors import StudyError
+
+ENOUGH_S = 0.5
+"""Of first samples, for their rate."""
 
 LookAt: TypeAlias = Callable[
     [tuple[float, float] | None, float, Callable[[], None], Callable[[str], None]], bool
@@ -132,3 +137,29 @@ class Tracker(GazeSource, Protocol):
 
     def news(self) -> Sequence[str]:
         """Return news of the connection since the last call, for the journal."""
+
+
+def first_rate(source: GazeSource, wait_s: float, silent: str) -> float:
+    """Return the rate of an open source's first samples, some tenths of a second of them.
+
+    Raises
+    ------
+    StudyError
+        If there are none within `wait_s`: then the source is closed, and `silent` says the cure.
+    """
+    stamps, until_s = list[float](), time.monotonic() + wait_s
+    while time.monotonic() < until_s and not (stamps and stamps[-1] - stamps[0] > ENOUGH_S):
+        stamps += [sample.raw_t for sample in source.poll() if math.isfinite(sample.raw_t)]
+        time.sleep(0.002)
+    if not stamps:
+        source.close()
+        raise StudyError(f"gaze: {silent} (found no sample in {wait_s:g} s)")
+    return rate_of(stamps)
+
+
+def rate_of(stamps: Sequence[float], what: str = "gaze") -> float:
+    """Return the rate of samples with these stamps; `StudyError` if they do not move on."""
+    span_s = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
+    if span_s <= 0:
+        raise StudyError(f"{what}: the stream must say its rate, or send samples steadily")
+    return (len(stamps) - 1) / span_s

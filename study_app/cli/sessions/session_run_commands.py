@@ -56,8 +56,8 @@ class SessionArguments:
     out: SessionsOption = Path("sessions")
     display: DisplayOption = None
     gaze: str | None = None
-    """Gaze source: eyelink, gazepoint, pupil:HOST, tobii, lsl:NAME, or mouse; with --simulate also
-    replay:FILE. Needed if the protocol watches gaze. docs/trackers.md says what may follow each."""
+    """Gaze source: eyelink, lsl:NAME, or mouse; with --simulate also replay:FILE. Needed if the
+    protocol watches gaze. docs/trackers.md says what may follow each."""
     strip: bool = False
     """Number and CRC of every flip at the edges, for a camera."""
     photodiode: bool = False

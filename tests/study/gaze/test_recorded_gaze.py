@@ -6,11 +6,8 @@ sent by what stands for the tracker, in the tracker's own units.
 
 from __future__ import annotations
 
-import csv
 import gzip
-import io
 import math
-import struct
 import time
 from functools import cache
 from itertools import product
@@ -21,21 +18,13 @@ import pytest
 from fake_pylink import FakePylink, Sample, Side
 from fake_pylsl import EPOCH_S as LSL_EPOCH_S
 from fake_pylsl import FakePylsl
-from fake_titta import FakeTitta
-from gazepoint_server import GazepointServer
-from pupil_phone import CLOCK_HZ, FIRST_STAMP, PupilPhone, in_camera
-from tracker_session import FHD, MIDDLE_PX, VIEWING, Eye, pumped
+from tracker_session import FHD, MIDDLE_PX, Eye, pumped
 
 from study_app.gaze.eyelink import EyelinkGaze
-from study_app.gaze.gazepoint import GazepointGaze
 from study_app.gaze.lsl import LslGaze, LslSpec
-from study_app.gaze.pupil import PupilGaze, homography
 from study_app.gaze.source import TrackerContext
-from study_app.gaze.tobii import TobiiGaze
-from study_app.gaze.validation import nine_points_px
 from study_app.virtual import VirtualClock
 
-WIDTH_PX, HEIGHT_PX = FHD.width_px, FHD.height_px
 ROWS = 400
 OUR_OWN = "our own"
 RECORDINGS = (
@@ -93,12 +82,10 @@ def rows_of(request):
 
 
 class Came(NamedTuple):
-    """Samples that came through an adapter, and how exact its units are."""
+    """Samples that came through an adapter."""
 
     samples: list
-    exact_px: float
     clock_offset_s: float
-    mean_of_eyes: bool = False
 
 
 def polled(adapter, source, count: int) -> list:
@@ -128,80 +115,7 @@ def by_eyelink(rows, _end) -> Came:
     for row in rows:
         sides = [side(eye) for eye in row.eyes]
         fake.queue.append((fake.SAMPLE_TYPE, Sample(row.t_ms, *sides)))
-    return Came(polled(EyelinkGaze, source, len(rows)), 0.0, source._offset_s)
-
-
-def by_gazepoint(rows, end) -> Came:
-    clock, lines = VirtualClock(), []
-    server = GazepointServer(Eye())
-    end(server.close)
-    source = pumped(GazepointGaze, server, server.eye, clock)(
-        f"127.0.0.1:{server.port}", desk(clock)
-    )
-    source.open()
-    end(source.close)
-    source.mark("attempt 1")
-    for row in rows:
-        x_px, y_px, pupil = row.eyes[0]
-        seen = not math.isnan(x_px)
-        x, y = (x_px / WIDTH_PX, y_px / HEIGHT_PX) if seen else (0.0, 0.0)
-        lines.append(
-            f'<REC TIME="{row.t_ms / 1000:.5f}" BPOGX="{x:.5f}" BPOGY="{y:.5f}"'
-            f' BPOGV="{seen:d}" LPMM="{pupil if seen else 0:.5f}" />'
-        )
-    before = len(server.sent)
-    server._send("\r\n".join(lines))
-    samples = polled(GazepointGaze, source, len(rows))
-    # Pupils are kept as they were sent, with everything else.
-    assert source.raw(over=True).data == server.sent[before:]
-    # The tracker itself writes shares of the screen with five decimals.
-    return Came(samples, WIDTH_PX * 0.5e-5 + 1e-9, source._clock.offset_s)
-
-
-def by_pupil(rows, end) -> Came:
-    clock = VirtualClock()
-    phone = PupilPhone(Eye())
-    end(phone.close)
-    source = pumped(PupilGaze, phone, phone.eye, clock)(f"127.0.0.1:{phone.port}", desk(clock))
-    source.open()
-    end(source.close)
-    points = nine_points_px(VIEWING)
-    source._map = homography([in_camera(point) for point in points], points)
-    source.poll()
-    for number, row in enumerate(rows):
-        x_px, y_px, _ = row.eyes[0]
-        seen = not math.isnan(x_px)
-        x, y = in_camera((x_px, y_px)) if seen else (0.0, 0.0)
-        phone._number += 1
-        stamp = (FIRST_STAMP + round(row.t_ms * CLOCK_HZ / 1000)) % 2**32
-        head = struct.pack("!BBHII", 128, 96, phone._number % 65536, stamp, 1)
-        phone._send(head + struct.pack("!ffB", x, y, 255 * seen), 0)
-        if number % 40 == 0:  # nobody waits for UDP
-            time.sleep(0.003)
-    samples = polled(PupilGaze, source, len(rows))
-    # Places in the camera's picture are sent in 32 bits.
-    return Came(samples, 1e-3, source._clock.offset_s)
-
-
-def by_tobii(rows, _end) -> Came:
-    clock = VirtualClock()
-    titta = FakeTitta(Eye(), clock)
-    source = pumped(TobiiGaze, titta, titta.eye, clock)("", desk(clock), titta)
-    source.open()
-    source.poll()
-    source.mark("attempt 1")
-    for row in rows:
-        fields = []
-        for x_px, y_px, _ in [*row.eyes, NO_EYE][:2]:
-            fields += [x_px / WIDTH_PX, y_px / HEIGHT_PX, not math.isnan(x_px)]
-        stamp = round(row.t_ms * 1000)
-        titta.rows.append((stamp + 77, stamp, *fields))
-    samples = polled(TobiiGaze, source, len(rows))
-    kept = list(csv.DictReader(io.StringIO(source.raw(over=True).data.decode())))
-    assert [int(row["system_time_stamp"]) for row in kept] == [
-        round(row.t_ms * 1000) for row in rows
-    ]
-    return Came(samples, 1e-9, source._offset_s, mean_of_eyes=True)
+    return Came(polled(EyelinkGaze, source, len(rows)), source._offset_s)
 
 
 def by_lsl(rows, _end) -> Came:
@@ -213,7 +127,7 @@ def by_lsl(rows, _end) -> Came:
         source.open()
     source.poll()
     fake.rows = [(row.t_ms / 1000, list(row.eyes[0])) for row in rows]
-    return Came(polled(LslGaze, source, len(rows)), 0.0, -LSL_EPOCH_S)
+    return Came(polled(LslGaze, source, len(rows)), -LSL_EPOCH_S)
 
 
 def by_lsl_itself(rows, end) -> Came:
@@ -232,7 +146,7 @@ def by_lsl_itself(rows, end) -> Came:
     while len(samples) < len(rows) and time.monotonic() < until_s:
         samples += [sample for sample in source.poll() if sample.raw_t > 0]
         time.sleep(0.001)
-    return Came(samples, 0.0, source._offset_s)
+    return Came(samples, source._offset_s)
 
 
 @pytest.fixture
@@ -246,7 +160,7 @@ def end():
 @pytest.mark.parametrize(
     ("sent", "name"),
     [
-        *product((by_eyelink, by_gazepoint, by_pupil, by_tobii, by_lsl), RECORDINGS),
+        *product((by_eyelink, by_lsl), RECORDINGS),
         (by_lsl_itself, OUR_OWN),
         (by_lsl_itself, "eyelink_monoRemote500"),
     ],
@@ -260,13 +174,10 @@ def test_every_sample_of_a_recording_comes_through_unchanged(rows_of, end, sent,
     for sample, row in zip(came.samples, rows, strict=True):
         assert sample.raw_t - first_s == pytest.approx((row.t_ms - rows[0].t_ms) / 1000, abs=1e-6)
         assert sample.t_s == pytest.approx(sample.raw_t + came.clock_offset_s, abs=1e-6)
-        eyes = row.eyes if came.mean_of_eyes else row.eyes[:1]
-        seen = [eye for eye in eyes if not math.isnan(eye[0])]
-        assert sample.valid == bool(seen)
-        if seen:
-            x_px, y_px = (sum(eye[axis] for eye in seen) / len(seen) for axis in (0, 1))
-            assert sample.x_px == pytest.approx(x_px, abs=came.exact_px, rel=1e-12)
-            assert sample.y_px == pytest.approx(y_px, abs=came.exact_px, rel=1e-12)
+        x_px, y_px, _ = row.eyes[0]
+        assert sample.valid == (not math.isnan(x_px))
+        if sample.valid:
+            assert (sample.x_px, sample.y_px) == pytest.approx((x_px, y_px), rel=1e-12)
 
 
 def test_of_two_recorded_eyes_the_right_one_comes_through_where_it_is_asked_for(rows_of):

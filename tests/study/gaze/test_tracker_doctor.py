@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import threading
 import time
+from types import SimpleNamespace
 
 import pytest
-from gazepoint_server import GazepointServer
+from fake_pylink import FakePylink
 from typer.testing import CliRunner
 
 from protocols.errors import StudyError
@@ -14,6 +14,7 @@ from protocols.load import load_display
 from study_app.cli import app
 from study_app.doctor.findings import Status
 from study_app.doctor.tracker import check_tracker
+from study_app.virtual import VirtualClock
 
 FHD = load_display("fhd27-60hz")
 
@@ -31,38 +32,51 @@ class Eye:
         return (960.0, 540.0) if self.seen else None
 
 
+@pytest.fixture
+def host_of(monkeypatch):
+    """Return what puts a Host PC that sees an eye, or none, in the place of SR Research's."""
+
+    def make(seen: bool) -> FakePylink:
+        clock = VirtualClock()
+        host = FakePylink(Eye(seen), clock)
+        monkeypatch.setattr("study_app.gaze.eyelink.load_pylink", lambda: host)
+
+        def wait(seconds: float) -> None:
+            clock.move_to(clock() + seconds)
+            host.advance(clock())
+
+        for module in ("doctor.tracker", "gaze.source", "gaze.eyelink"):
+            ours = SimpleNamespace(monotonic=clock, sleep=wait, time=time.time)
+            monkeypatch.setattr(f"study_app.{module}.time", ours)
+        return host
+
+    return make
+
+
 @pytest.mark.parametrize("seen", [True, False])
-def test_a_tracker_that_sees_nobody_is_a_warning(monkeypatch, seen):
-    monkeypatch.setattr("study_app.doctor.tracker.LISTEN_S", 0.3)
-    server, stop, began_s = GazepointServer(Eye(seen)), threading.Event(), time.monotonic()
+def test_a_tracker_that_sees_nobody_is_a_warning(host_of, seen):
+    host_of(seen)
+    found = check_tracker("eyelink", FHD)
 
-    def send():
-        while not stop.wait(0.005):
-            if server._wants.is_set():
-                server.advance(time.monotonic() - began_s)
-
-    sender = threading.Thread(target=send)
-    sender.start()
-    try:
-        found = check_tracker(f"gazepoint:127.0.0.1:{server.port}", FHD)
-    finally:
-        stop.set()
-        sender.join()
-        server.close()
-
-    # Few samples are a warning as well, on a machine that is busy.
-    assert found.status is Status.WARN or seen
-    assert "gazepoint Gazepoint GP3HD" in found.found
+    assert found.status is (Status.PASS if seen else Status.WARN)
+    assert "eyelink EYELINK CL 5.15" in found.found
     assert f"{100 * seen} % of them with an eye" in found.found
 
 
-def test_what_cannot_be_reached_fails_and_what_is_no_kind_is_refused():
-    found = check_tracker("gazepoint:127.0.0.1:1", FHD)
+def test_what_cannot_be_reached_fails_and_what_is_no_kind_is_refused(host_of):
+    host_of(True).refuses = True
+    found = check_tracker("eyelink", FHD)
 
     assert found.status is Status.FAIL
     assert "must be reachable" in found.found
-    with pytest.raises(StudyError, match="did you mean 'gazepoint'"):
-        check_tracker("gazepiont", FHD)
+    with pytest.raises(StudyError, match="did you mean 'eyelink'"):
+        check_tracker("eyelnik", FHD)
+
+
+@pytest.mark.parametrize("kind", ["gazepoint", "pupil:neon.local", "tobii"])
+def test_a_tracker_that_was_removed_is_told_with_its_bridge(kind):
+    with pytest.raises(StudyError, match=r"was removed: .* --gaze lsl:.*docs/trackers\.md"):
+        check_tracker(kind, FHD)
 
 
 @pytest.mark.parametrize(
