@@ -15,7 +15,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata
 from itertools import product
@@ -29,14 +28,6 @@ from scipy.special import expit
 
 from analysis.models.bootstrap import bootstrap_scale, bootstrap_scores
 from analysis.models.clustered import two_way
-from analysis.models.metacognition import (
-    UNBIASED_PADDING,
-    fit_meta,
-    fit_unequal,
-    graded_area,
-    mean_over_people,
-    ratio_of_means,
-)
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.observers import check_observers
 from analysis.models.paired.bradley_terry_mixed import paired_model
@@ -151,30 +142,6 @@ class PairedRates:
     wald_z: float
     family: float
     unfitted: int
-
-
-@dataclass(frozen=True)
-class ConfidenceRates:
-    """Metacognition of people whose d' differs and whose M-ratio is known: one condition.
-
-    `ratio` is the mean estimate of M-ratio; `coverage` the share of its 95 % limits that hold the
-    truth. `gap` and `area` are how often p < .05 of meta-d' against d' and of the type-2 area
-    against one half: false positives at an M-ratio of 1 and of 0. `d_a` and `slope` are coverage,
-    where M-ratio is 1: only then are graded answers those of one normal evidence.
-    """
-
-    participants: int
-    trials: int
-    steps: int
-    m_ratio: float
-    studies: int
-    ratio: float
-    coverage: float
-    gap: float
-    area: float
-    d_a: float | None
-    slope: float | None
-    left_out: float
 
 
 @dataclass(frozen=True)
@@ -521,32 +488,6 @@ def paired_rates(scale_down: int) -> list[PairedRates]:
     return rows
 
 
-def confidence_rates(scale_down: int) -> list[ConfidenceRates]:
-    """Simulate people whose confidence is that of an ideal observer with another d'."""
-    rng = np.random.default_rng(9)
-    shapes = ((11, 100, 4), (30, 100, 4), (30, 200, 2), (6, 300, 4), (11, 300, 11))
-    cases = [(*shape, 1.0) for shape in shapes] + [(11, 200, 4, 0.7), (11, 200, 4, 0.0)]
-    rows = []
-    for people, trials, steps, m_ratio in cases:
-        studies = max(10, 200 // scale_down)
-        each = [_confident_study(rng, people, trials, steps, m_ratio) for _ in range(studies)]
-        ratio, coverage, gap, area, d_a, slope, left_out = np.nanmean(each, axis=0)
-        ideal = m_ratio == 1.0
-        rows.append(
-            ConfidenceRates(
-                *(people, trials, steps, m_ratio, studies),
-                ratio=float(ratio),
-                coverage=float(coverage),
-                gap=float(gap),
-                area=float(area),
-                d_a=float(d_a) if ideal else None,
-                slope=float(slope) if ideal else None,
-                left_out=float(left_out),
-            )
-        )
-    return rows
-
-
 def times_power(scale_down: int) -> list[TimesPower]:
     """Draw times as `analysis power` does; judge them by its closed form and by the model."""
     protocol = load_protocol(Path("inpainting-2afc"))
@@ -568,65 +509,6 @@ def times_power(scale_down: int) -> list[TimesPower]:
             rates = [float(np.mean(each)) for each in (closed, model, closed == model)]
             rows.append(TimesPower(people, scenes, repeats, ratio, studies, *rates))
     return rows
-
-
-def _confident_study(
-    rng: np.random.Generator, people: int, trials: int, steps: int, m_ratio: float
-) -> tuple[float, ...]:
-    """Return M-ratio, what was covered or significant, and the share of people left out."""
-    d_primes = np.clip(rng.normal(1.3, 0.3, people), 0.4, None)
-    fits, unequal, areas = [], [], []
-    for d_prime in d_primes:
-        counts = confident_counts(rng, trials, float(d_prime), rng.normal(0, 0.2), m_ratio, steps)
-        with suppress(ValueError):
-            fits.append(fit_meta(counts))
-        with suppress(ValueError):
-            unequal.append(fit_unequal(counts, UNBIASED_PADDING))
-        by_answer = counts.reshape(2, 2, steps)
-        right = by_answer[0, 0, ::-1] + by_answer[1, 1]
-        wrong = by_answer[1, 0, ::-1] + by_answer[0, 1]
-        areas.append(graded_area(np.array([wrong, right])))
-    d, meta = (
-        np.array([getattr(one, name) for one in fits]) for name in ("d_prime", "meta_d_prime")
-    )
-    ratio = ratio_of_means(meta, d, 0.95)
-    d_a = mean_over_people(np.array([one.d_a for one in unequal]), 0.95)
-    slope = mean_over_people(np.log([one.slope for one in unequal]), 0.95)
-    return (
-        ratio.value,
-        ratio.lower <= m_ratio <= ratio.upper,
-        mean_over_people(meta - d, 0.95, 0.0).p < 0.05,
-        mean_over_people(np.array(areas), 0.95, 0.5).p < 0.05,
-        d_a.lower <= 1.3 <= d_a.upper,
-        slope.lower <= 0.0 <= slope.upper,
-        1.0 - len(fits) / people,
-    )
-
-
-def confident_counts(
-    rng: np.random.Generator,
-    trials: int,
-    d_prime: float,
-    criterion: float,
-    m_ratio: float,
-    steps: int,
-) -> Floats:
-    """Draw graded answers (2, 2 x steps), half of the trials each stimulus.
-
-    Answers have `d_prime`; confidence, given stimulus and answer, is that of an ideal observer
-    with ``m_ratio x d_prime`` and the criterion at the same place relative to it.
-    """
-    meta, middle = m_ratio * d_prime, m_ratio * criterion
-    gaps = np.linspace(0.0, 1.6, steps)[1:]
-    edges = np.concatenate([[-np.inf], middle - gaps[::-1], [middle], middle + gaps, [np.inf]])
-    rows = []
-    for side in (-0.5, 0.5):
-        given = np.diff(stats.norm.cdf(edges, side * meta)).reshape(2, steps)
-        second = stats.norm.sf(criterion, side * d_prime)
-        answers = np.array([[1.0 - second], [second]])
-        chances = (answers * given / given.sum(axis=1, keepdims=True)).ravel()
-        rows.append(rng.multinomial(trials // 2, chances / chances.sum()))
-    return np.array(rows, dtype=np.float64)
 
 
 METHODS = tuple(f"m{number:02d}" for number in range(12))
@@ -732,7 +614,6 @@ def main(argv: list[str]) -> int:
         "observer_rates": lambda n: list(observer_rates(n)),
         "learning_rates": lambda n: list(learning_rates(n)),
         "paired_rates": lambda n: list(paired_rates(n)),
-        "confidence_rates": lambda n: list(confidence_rates(n)),
         "times_power": lambda n: list(times_power(n)),
         "analysis_costs": lambda n: list(analysis_costs(n)),
     }

@@ -9,6 +9,10 @@ LAST_WITH_ALL = "5076b993 (version 0.3.0)"
 """The last revision that has everything named here."""
 
 INSTEAD: Mapping[str, str] = {
+    "analysis confidence": (
+        "read decisions.csv, whose column confidence holds the steps, with metadpy (Python) or"
+        " HMeta-d (R, MATLAB)"
+    ),
     "analysis export --format psych-ds": (
         "export with --format bids, or write the tables with 'metamerlab analysis tidy'"
     ),
@@ -58,7 +62,7 @@ def without_gone(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]
 
 
 def as_hashed(place: str, value: Any) -> Any:
-    """Return what a removed key added to the hash of a study; None where it added nothing."""
+    """Return the part that a removed key had in the hash of a study; None where it had none."""
     if place == "analysis.sequential":  # its default was part of the hash
         return {"bayes_factor": 10.0} | value
     return value if value is not False else None

@@ -11,7 +11,7 @@ from scipy.special import logit
 
 from analysis.models.cells import checked, conditions
 from analysis.models.contrasts import Difference, paired, pairs_of
-from analysis.models.metacognition import mean_over_people
+from analysis.models.reaction import mean_with_limits
 
 NOISE = 0.1
 """Within-trial noise s, as the papers scale it: drift and boundary are in units of it."""
@@ -212,8 +212,8 @@ def _mean(name: str, people: Sequence[PersonDiffusion], level: float) -> MeanDif
     for measure in MEASURES:
         values = np.array([getattr(fit, measure) for fit in own])
         least = 0.0 if measure == "boundary" else -math.inf
-        mean = mean_over_people(values, level, within=(least, math.inf))
-        means[measure], lower[measure], upper[measure] = mean.value, mean.lower, mean.upper
+        means[measure], low, upper[measure] = mean_with_limits(values, level)
+        lower[measure] = max(low, least)
     return MeanDiffusion(name, len(own), means, lower, upper, level)
 
 

@@ -1,5 +1,6 @@
 """Reaction times: summaries that a few slow answers do not move."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -7,7 +8,8 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from analysis.models.metacognition import mean_over_people
+from analysis.arrays import Floats
+from analysis.models.tails import two_sided_quantile
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,20 @@ def participant_medians(
     }
 
 
+def mean_with_limits(values: Floats, level: float) -> tuple[float, float, float]:
+    """Return the mean of people's values and its t limits.
+
+    Values that are NaN are left out; one person has no limits, nobody no mean.
+    """
+    own = values[np.isfinite(values)]
+    mean = float(own.mean()) if own.size else math.nan
+    if own.size < 2:
+        return mean, math.nan, math.nan
+    error = float(own.std(ddof=1)) / math.sqrt(own.size)
+    reach = float(two_sided_quantile(level, float(own.size - 1))) * error
+    return mean, mean - reach, mean + reach
+
+
 def _groups(rows: pd.DataFrame, by: Sequence[str]) -> list[tuple[str, pd.DataFrame]]:
     if not by:
         return [("all trials", rows)]
@@ -64,7 +80,7 @@ def _groups(rows: pd.DataFrame, by: Sequence[str]) -> list[tuple[str, pd.DataFra
 def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:
     times = rows["rt_s"].to_numpy(dtype=np.float64)
     medians = np.log(rows.groupby("participant")["rt_s"].median().to_numpy(dtype=np.float64))
-    mean = mean_over_people(medians, level)
+    mean, lower, upper = mean_with_limits(medians, level)
     notes = ["one participant only: no limits"] * (medians.size < 2)
     if times.size < 4 * medians.size:
         notes.append("fewer than 4 answers per participant")
@@ -76,8 +92,8 @@ def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:
         quartile_low=float(np.quantile(times, 0.25)),
         quartile_high=float(np.quantile(times, 0.75)),
         trimmed_mean=float(scipy.stats.trim_mean(times, 0.1)),
-        mean_of_medians=float(np.exp(mean.value)),
-        lower=float(np.exp(mean.lower)),
-        upper=float(np.exp(mean.upper)),
+        mean_of_medians=float(np.exp(mean)),
+        lower=float(np.exp(lower)),
+        upper=float(np.exp(upper)),
         warnings=tuple(notes),
     )

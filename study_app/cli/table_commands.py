@@ -17,11 +17,9 @@ from rich.table import Table
 from analysis.plans.table_settings import (
     CurveTableSettings,
     DetectionTableSettings,
-    IdentificationTableSettings,
     PreferenceTableSettings,
     RatingTableSettings,
     TimeTableSettings,
-    keys_of,
 )
 from protocols.errors import StudyError
 from protocols.formats.key_docs import key_docs
@@ -83,14 +81,11 @@ def _question(
     only: Sequence[str] = (),
     needed: Sequence[str] = (),
     also: Mapping[str, str] = MappingProxyType({}),
-    about: Sequence[str] = (),
-    instead: Mapping[str, type[Analysis]] = MappingProxyType({}),
 ) -> Callable[[Callable[[], None]], Callable[..., None]]:
     """Make a command of a kind of analysis, whose options are keys of what a table is told.
 
     `only` are the parts that answer the question; none: all of them. `also` are keys that the
-    question itself says. `about` are columns that it cannot do without. A key of `instead`, where
-    it is given, makes it one of another kind.
+    question itself says.
     """
 
     def command(
@@ -111,16 +106,10 @@ def _question(
         }
         texts = {key: "true" if one is True else str(one) for key, one in said.items()}
         texts |= {**also, "alpha": f"{1.0 - coverage:.12g}"}
-        other = next((key for key in instead if key in texts), "")
-        model = instead.get(other, told)
-        kind, how = str(model.model_fields["kind"].default), (columns, where, answer)
-        for key in said:
-            if key not in keys_of(model):
-                option = key.replace("_", "-")
-                raise StudyError(f"--{option}: must be left out with --{other} (got {given[key]})")
+        kind, how = str(told.model_fields["kind"].default), (columns, where, answer)
         for key, named in several.items():
             texts |= {f"{key}.{name}": one for name, one in pairs(f"--{key}", named).items()}
-        ask(kind, table, how, texts, out, replace=replace, only=only, needed=about)
+        ask(kind, table, how, texts, out, replace=replace, only=only)
 
     def made(described: Callable[[], None]) -> Callable[..., None]:
         hints = get_type_hints(command, include_extras=True)
@@ -129,8 +118,6 @@ def _question(
             for one in inspect.signature(command).parameters.values()
         )
         own = [_option(told, key, needed=key in needed) for key in keys]
-        for key, other in instead.items():
-            own.append(_option(other, key, needed=False).replace(default=None))
         every = [table, *own, *common]
         command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
         command.__annotations__ = {one.name: one.annotation for one in every}
@@ -194,24 +181,6 @@ def detection() -> None:
     """
 
 
-@_question(
-    IdentificationTableSettings,
-    ("by", "alternatives"),
-    ("confidence", "metacognition", "graded"),
-    about=("confidence",),
-    instead={"signal": DetectionTableSettings},
-)
-def confidence() -> None:
-    """Ask what confidence tells of answers: type-2 ROC area, meta-d', M-ratio, calibration.
-
-    Needs the columns participant, confidence (steps, the least sure first) and correct (1/0), and
-    expected and answer of two answers for meta-d'. With --signal, of a yes-no task, answers graded
-    by confidence give the ROC, and d' with unequal variances.
-
-    Example: metamerlab analysis confidence seen.csv --signal seen --map confidence=sure --out sure
-    """
-
-
 @_question(TimeTableSettings, ("by", "baseline", "contrasts", "bootstrap_draws"))
 def reaction() -> None:
     """Compare reaction times between conditions: a log-normal mixed model, and EZ diffusion.
@@ -266,7 +235,6 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the group `analysis`."""
     app.command()(psychometric)
     app.command()(detection)
-    app.command()(confidence)
     app.command()(reaction)
     app.command()(ratings)
     app.command()(bayes)
@@ -305,12 +273,10 @@ def ask(
     *,
     replace: bool,
     only: Collection[str] = (),
-    needed: Collection[str] = (),
 ) -> None:
     """Print what an analysis says of a table, and write its report where a folder is named.
 
-    `only` are the parts that answer the question; none: all of the analysis. `needed` are columns
-    that it cannot do without, beside those of the analysis.
+    `only` are the parts that answer the question; none: all of the analysis.
     """
     from analysis.report.content import content_of
     from analysis.report.report_source import from_question
@@ -324,7 +290,6 @@ def ask(
         check_result(out, replace=replace, reads=[path])
     with one_line() as progress:
         rows = table_told(path, told)
-        rows.need([name for name in needed if name not in rows.rows])
         try:
             source = from_question(analysis, rows, options_from(kind, texts), only)
         except StudyError as problem:  # its keys are options here

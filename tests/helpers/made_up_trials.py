@@ -86,12 +86,8 @@ def simulate_confidence(
     d_prime: Mapping[str, float],
     rng: np.random.Generator,
     *,
-    noise: float = 0.0,
-    signal_sd: float = 1.0,
-    criterion: float = 0.0,
-    steps: Sequence[float] = (0.4, 0.8, 1.3),
-    d_prime_sd: float = 0.3,
-    answers: tuple[str, str] = ("inconsistent", "consistent"),
+    noise: float,
+    signal_sd: float,
 ) -> pd.DataFrame:
     """Return a yes-no study with confidence: how far evidence lies from the criterion.
 
@@ -100,22 +96,20 @@ def simulate_confidence(
     trials : int
         Per participant and method, half of them the signal.
     noise : float
-        Standard deviation of what is added to evidence before it becomes confidence; 0: an ideal
-        observer, whose M-ratio is 1.
+        Standard deviation of what is added to evidence before it becomes confidence.
     signal_sd : float
         Of the signal's evidence; the noise's is 1.
-    steps : sequence of float
-        Distances from the criterion at which confidence goes up a step.
     """
+    answers = ("inconsistent", "consistent")
     blocks = []
     for person in range(participants):
-        own = rng.normal(0.0, d_prime_sd)
+        own = rng.normal(0.0, 0.3)
         for method, typical in d_prime.items():
             signal = np.arange(trials) % 2 == 1
             sd = np.where(signal, signal_sd, 1.0)
             evidence = (typical + own) * (signal - 0.5) + sd * rng.standard_normal(trials)
-            said = evidence > criterion
-            felt = evidence - criterion + noise * rng.standard_normal(trials)
+            said = evidence > 0.0
+            felt = evidence + noise * rng.standard_normal(trials)
             blocks.append(
                 pd.DataFrame(
                     {
@@ -124,7 +118,7 @@ def simulate_confidence(
                         "expected": np.where(signal, *answers),
                         "answer": np.where(said, *answers),
                         "correct": (signal == said).astype(int),
-                        "confidence": 1 + np.digitize(np.where(said, felt, -felt), steps),
+                        "confidence": 1 + np.digitize(np.where(said, felt, -felt), (0.4, 0.8, 1.3)),
                     }
                 )
             )

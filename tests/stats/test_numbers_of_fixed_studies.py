@@ -83,8 +83,6 @@ REWORDED = (
         r"had (\d\S+) JOD more than the other( .*?)?,",
         r"had \1 JOD more than the other\2: difference \1,",
     ),
-    (r"confidence was higher by -(\S+),", r"confidence was \1 steps lower: difference -\1,"),
-    (r"confidence was higher by (\d\S+),", r"confidence was \1 steps higher: difference \1,"),
 )
 """Patterns of what was said otherwise in sentences and notes, and of what is said today."""
 _COLUMNS = [*enumerate((0, 1, 2, 3, 4, 5, 8, 9, 11, 12, 15, 16, 18, 22, 35))]

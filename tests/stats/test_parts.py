@@ -39,8 +39,6 @@ REPORTS = {
     ),
     "detection": (*_RIGHT, "typical"),
     "abx": (*_RIGHT, "critical"),
-    "confidence": ("confidence", "metacognition", "graded"),
-    "preference-confidence": ("confidence",),
     "ratings": ("ratings", "random_ratings", "learning", "times"),
     "preference": (
         *("preferences", "leaving_out", "interaction", "choice_models", "random_effects", "bayes"),
@@ -58,10 +56,6 @@ COMMANDS = {
     ),
     ("detection", "--signal", "inconsistent"): ("detection", ("sensitivity", "typical")),
     ("bayes", "--method", "ours", "--against", "blur"): ("preference", ("bayes",)),
-    ("confidence", "--by", "method", "--signal", "inconsistent"): (
-        "confidence",
-        ("confidence", "metacognition", "graded"),
-    ),
 }
 SAID = {
     "times": {
@@ -79,30 +73,6 @@ SAID = {
         "methods": "Change over the session is the mean",
         "tables": {"learning.csv"},
         "figure": "learning",
-    },
-    "confidence": {
-        "section": "confidence",
-        "caption": "Confidence ",
-        "sentence": "The split-half reliability (Spearman-Brown) of mean confidence",
-        "methods": "Confidence was averaged over each participant's",
-        "tables": {"confidence.csv", "confidence_people.csv", "confidence_reliability.csv"},
-        "figure": "confidence",
-    },
-    "metacognition": {
-        "section": "confidence",
-        "caption": "Metacognition: meta-d' and M-ratio",
-        "sentence": "meta-d' minus d' was",
-        "methods": "were padded by 1 / (2 x steps)",
-        "tables": {"metacognition.csv", "metacognition_people.csv"},
-        "figure": "metacognition",
-    },
-    "graded": {
-        "section": "confidence",
-        "caption": "Answers graded by confidence",
-        "sentence": "and a slope of the ROC of",
-        "methods": "Normal evidence with unequal variances",
-        "tables": {"graded.csv", "graded_people.csv", "roc.csv"},
-        "figure": "roc",
     },
     "random_effects": {
         "section": "models",

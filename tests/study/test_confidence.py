@@ -114,19 +114,15 @@ def test_tables_events_and_their_dictionary_have_confidence(load, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("task", ["two-interval", "yes-no", "abx"])
-def test_a_report_of_a_study_that_asks_for_it_says_what_confidence_tells(load, tmp_path, task):
+def test_a_report_of_a_study_that_asks_for_it_keeps_its_column(load, tmp_path, task):
     study, display = load(task)
     simulate_study(SimulatedStudy(study, display, seed=3), tmp_path / "out", 3)
     with undrawn():
         made = report_sessions(tmp_path / "out", study, tmp_path / "report", figure_files=False)
-    found = json.loads(made.json.read_text())
-    assert found["results"]["confidence"]["steps"] == [1, 2, 3, 4]
-    assert '<h2 id="confidence">' in made.html.read_text(encoding="utf-8")
-    few = [one for one in found["warnings"] if "no graded: no participant has what" in one]
-    assert bool(few) == (task == "yes-no")
-    why = {"abx": "meta-d' is of yes-no tasks", "yes-no": "no participant has what it takes"}
-    said = [one for one in found["warnings"] if "no metacognition: " in one]
-    assert [why[task] in one for one in said] == [True] * (task in why)
+    tables = made.html.parent / "tables"
+    assert "confidence" in (tables / "decisions.csv").read_text().splitlines()[0].split(",")
+    assert "Confidence in the answer, in steps" in (tables / "dictionary.csv").read_text()
+    assert "confidence" not in json.loads(made.json.read_text())["results"]
 
 
 def test_a_journal_whose_confidence_no_key_could_give_contradicts_its_study(load, tmp_path):

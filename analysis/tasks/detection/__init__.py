@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import pandas as pd
 
 from analysis.parts import AnyPart
-from analysis.parts.graded import GradedPart
 from analysis.parts.sensitivity import TypicalPart, YesNoPart
 from analysis.plans.table_settings import DetectionTableSettings
 from analysis.tables.table import Source, opened
@@ -21,10 +20,7 @@ class DetectionRates(RatesTask):
     kind: ClassVar[str] = "detection"
     options: ClassVar[type[Analysis]] = DetectionTableSettings
     task: ClassVar[str] = "yes-no answers"
-    parts: ClassVar[tuple[AnyPart, ...]] = (
-        *rate_parts(YesNoPart(), TypicalPart()),
-        GradedPart(),
-    )
+    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(YesNoPart(), TypicalPart())
     two: ClassVar[bool] = True
 
     def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:

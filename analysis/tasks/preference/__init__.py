@@ -15,7 +15,6 @@ from analysis.parts.interaction import PreferenceInteraction
 from analysis.parts.joint_scale import JointScalePart
 from analysis.parts.learning import ChoiceLearning
 from analysis.parts.leaving_out import LeavingOutPart
-from analysis.parts.preference_confidence import PreferenceConfidencePart
 from analysis.parts.preferences import PreferencesPart
 from analysis.parts.random_effects import ChoiceEffects, TimeEffects
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
@@ -55,7 +54,6 @@ class PreferenceOfPairs(TaskAnalysis[PreferencePlan]):
         JointScalePart(),
         StrengthsPart(),
         BiasPart(),
-        PreferenceConfidencePart(),
         ChoiceLearning(),
         TimesPart(),
         TimeEffects(TimesPart()),

@@ -10,12 +10,10 @@ import pandas as pd
 from analysis.arrays import Floats
 from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
-from analysis.parts.confidence import ConfidencePart
 from analysis.parts.correct import RatesPart, odd_answers
 from analysis.parts.curves.goodness import GoodnessPart
 from analysis.parts.curves.slopes import SlopesPart
 from analysis.parts.curves.stated import StatedPart
-from analysis.parts.graded import MetacognitionPart
 from analysis.parts.interaction import RateInteraction
 from analysis.parts.learning import RightLearning
 from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
@@ -57,8 +55,6 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         ModelsPart(),
         RightEffects(ModelsPart()),
         PeoplePart(),
-        ConfidencePart(),
-        MetacognitionPart(),
         RightLearning(),
         TimesPart(),
         TimeEffects(TimesPart()),

@@ -27,7 +27,6 @@ from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.compared_methods import counts, pairing_rows
 from analysis.models.critical_scaling import critical_scalings
 from analysis.models.detection import identification, yes_no
-from analysis.models.metacognition import UnequalFit
 from analysis.models.mixed.deviations import EffectLevel
 from analysis.models.order_and_side import Bias, order_bias, side_bias
 from analysis.models.ordinal import rating_model
@@ -59,12 +58,6 @@ from analysis.plots import (
     scaling_plot,
 )
 from analysis.plots.caterpillar import caterpillar_plot
-from analysis.plots.confidence_plots import (
-    calibration_plot,
-    metacognition_plot,
-    pairs_plot,
-    roc_plot,
-)
 from analysis.plots.interaction_plot import interaction_plot
 from analysis.plots.preference_plots import _odds_ticks
 from analysis.plots.rating_plots import ratings_plot
@@ -100,10 +93,6 @@ KINDS = (
     "ratings",
     "rates",
     "caterpillar",
-    "calibration",
-    "pairs",
-    "metacognition",
-    "roc",
     "interaction",
     "looks",
 )
@@ -183,17 +172,10 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     simulation = analysis_of("preference").simulation(demo_protocol)
     curve = power(simulation, {"rate": 0.65}, rng=np.random.default_rng(2), studies=200)
     right = [(one.condition, one.correct) for one in found.conditions]
-    steps = {name: [(1.0, one), (2.0, one), (3.0, one)] for name, one in right}
-    means = {
-        one.condition: (("right", one.d_prime), ("wrong", one.criterion))
-        for one in found.conditions
-    }
-    own = {name: [(0.2, 1.1), (0.9, 0.4)] for name in means}
     lying = {
         "participant": [EffectLevel(f"P{k:02d}", 0.1 * k, 0.2) for k in range(11)],
         "scene": [EffectLevel(f"a long scene {k}", 0.3 * k, 0.2) for k in range(4)],
     }
-    curved = {name: UnequalFit(1.0 + k, 1.2, 1.0, 0.8, 0.7, -9.0) for k, name in enumerate(means)}
     sides = [
         (label(of), at, one.share, one.lower, one.upper)
         for of in ("metameric", "push-pull")
@@ -217,12 +199,6 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
         "ratings": lambda **k: ratings_plot(rated, **k),
         "caterpillar": lambda **k: caterpillar_plot(
             lying, x_label="From the typical one, log odds", **{"level": 0.95} | k
-        ),
-        "calibration": lambda **k: calibration_plot(steps, chance=0.5, **{"level": 0.95} | k),
-        "pairs": lambda **k: pairs_plot(means, own, x_label="Confidence", **{"level": 0.95} | k),
-        "metacognition": lambda **k: metacognition_plot(own, **k),
-        "roc": lambda **k: roc_plot(
-            {name: [(0.1, 0.4), (0.4, 0.8)] for name in own}, curved, labels=("F", "H"), **k
         ),
         "interaction": lambda **k: interaction_plot(
             sides, title="Field of view", chance=0.5, **{"level": 0.95} | k
@@ -405,10 +381,6 @@ MEANINGS = {
     "rates": "95 % limits; dashed: chance",
     "ratings": "95 % limits",
     "caterpillar": "95 % limits",
-    "calibration": "95 % limits; dashed: chance",
-    "pairs": "95 % limits of the mean; small: participants",
-    "metacognition": "Points: participants",
-    "roc": "Curves: fits; diagonal: chance",
     "interaction": "95 % limits; dashed: chance",
     "looks": "Dashed: alpha = .05",
 }
@@ -424,7 +396,7 @@ def test_what_bars_mean_stands_on_the_figure(draw, kind, width_in):
 
 @pytest.mark.parametrize(
     "kind",
-    ["learning", "reaction", "bias", "caterpillar", "calibration", "pairs", "interaction"],
+    ["learning", "reaction", "bias", "caterpillar", "interaction"],
 )
 def test_other_limits_are_named_on_the_figure(draw, kind):
     texts = " ".join(text for text, _ in visible_texts(draw[kind](width_in=7.0, level=0.9)))

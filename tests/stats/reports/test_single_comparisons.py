@@ -5,7 +5,6 @@ freedom without a statistic, no limit beyond what can be, no length below 0.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import pandas as pd
 import pytest
 from fixed_studies import TABLES
 
-from analysis.models.metacognition import mean_over_people
 from analysis.models.order_and_side import order_bias
 from analysis.models.right_answers import rate_contrasts
 from analysis.parts.learning import StepLearning
@@ -99,34 +97,6 @@ def test_no_degrees_of_freedom_stand_without_their_statistic(tmp_path):
     assert t_text(math.nan, 5.5) == "no t"
     assert t_number(math.nan, 5.5) == t_number(None, None) == "none"
     assert t_number(2.31, 5.0) == "2.31 (5)"
-
-
-def test_limits_of_bounded_means_end_where_their_values_end():
-    areas = np.array([0.55, 0.68, 0.86])
-    free, held = (
-        mean_over_people(areas, 0.95, 0.5, **more) for more in ({}, {"within": (0.0, 1.0)})
-    )
-    assert free.upper > 1.0
-    assert held == replace(free, upper=1.0)
-
-
-def test_type_2_areas_and_confidence_keep_to_their_scales(tmp_path):
-    rows = pd.DataFrame(
-        [
-            (f"P{p}", k % 2, int(k % 2 if k % 5 else 1 - k % 2), 2 if k % 5 or k < 10 * p else 1)
-            for p in range(3)
-            for k in range(40)
-        ],
-        columns=["participant", "expected", "answer", "confidence"],
-    ).assign(scene="a", method="ours")
-    rows["signal"] = rows["expected"]
-    found = content("confidence", tmp_path, rows, "rates", "confidence", signal="1")
-
-    (one,) = found.numbers["confidence"]["conditions"]
-    assert 0.0 <= one["area"]["lower"] <= one["area"]["upper"] == 1.0
-    assert 1.0 <= one["wrong"]["lower"] <= one["wrong"]["upper"] <= 2.0
-    assert -1.0 <= one["difference"]["lower"] <= one["difference"]["upper"] <= 1.0
-    assert "end at the least and the largest value" in found.methods
 
 
 def test_differences_of_shares_have_no_limits_beyond_one():
