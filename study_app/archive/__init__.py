@@ -1,1 +1,1 @@
-"""A study in one file: written whole, proven whole, encrypted if wanted, and restored."""
+"""A study in one file: written whole, and proven whole."""

@@ -8,24 +8,21 @@ import io
 import os
 import stat
 import sys
-import tempfile
 import zipfile
-from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
 from typing import IO, Any, ClassVar
 
 from protocols.disk.hashing import sha256_file
 from protocols.disk.read_file import read_bytes
-from protocols.disk.result_folder import check_result, whole_folder
 from protocols.errors import StudyError
 from protocols.journal_file import find_journals, read_journal
 from protocols.limits import LIMITS_VARIABLE, check_within, limit
-from protocols.load import SECRET_SUFFIX, load_protocol, open_new
+from protocols.load import SECRET_SUFFIX, load_protocol
 from protocols.manifest import MANIFEST_NAME, read_manifest
 from protocols.outside import check_zip, reading
-from study_app.archive.encryption import is_sealed, unseal
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
 from study_app.session_folders import SessionFolder
 from study_app.verification import verify
@@ -35,6 +32,8 @@ if sys.platform == "win32":  # Python 3.11 has no path that is one of all system
 else:
     from pathlib import PosixPath as _SystemPath
 
+_ENCRYPTED = b"age-encryption.org/v1\n"
+"""First line of what age encrypted."""
 _PIECE = 1 << 20
 _LARGER = 4
 """An archive may unpack to so many times its own size, however large it is."""
@@ -58,40 +57,34 @@ class ArchiveFindings:
 
 
 @contextmanager
-def opened(path: Path, *, identity: Path | None, ask: Callable[[], str]) -> Iterator[IO[bytes]]:
-    """Yield a plain archive: the file itself, or decrypted into a file without a name.
+def opened(path: Path) -> Iterator[IO[bytes]]:
+    """Yield the file of an archive.
 
     Raises
     ------
     StudyError
-        If there is no such file, or it does not open.
+        If there is no such file, or it is encrypted.
     """
     try:
-        sealed = path.open("rb")
+        file = path.open("rb")
     except OSError as error:
         raise StudyError(f"{path}: an archive must be readable ({error.strerror})") from None
-    with sealed:
-        if not is_sealed(sealed):
-            yield sealed
-            return
-        with tempfile.TemporaryFile() as plain_file:
-            try:
-                unseal(path, sealed, plain_file, identity=identity, ask=ask)
-            except OSError as error:
-                with suppress(OSError):
-                    plain_file.close()
-                raise StudyError(
-                    f"{path}: must be decrypted into {tempfile.gettempdir()} ({error.strerror});"
-                    " make room there, or name another folder with TMPDIR"
-                ) from None
-            yield plain_file
+    with file:
+        if file.read(len(_ENCRYPTED)) == _ENCRYPTED:
+            out = path.with_suffix("") if path.suffix == ".age" else f"{path}.zip"
+            raise StudyError(
+                f"{path}: must be a plain archive (it is encrypted by age); decrypt it with 'age"
+                f" --decrypt --output {out} {path}', with --identity FILE where it was encrypted to"
+                f" a key, then verify {out}"
+            )
+        file.seek(0)
+        yield file
 
 
 def check(path: Path, file: IO[bytes]) -> ArchiveFindings:
     """Prove an archive whole: each file against the list, each session as `session verify` does.
 
-    Nothing is unpacked for that: what is sealed lies nowhere in the clear, and a killed program
-    leaves nothing.
+    Nothing is unpacked for that, and a killed program leaves nothing.
 
     Raises
     ------
@@ -102,7 +95,7 @@ def check(path: Path, file: IO[bytes]) -> ArchiveFindings:
         problems = [
             f"{entry.path} was changed"
             for entry in index.files
-            if _copied(_pieces(path, archive, entry.path)) != (entry.bytes, entry.sha256)
+            if _length_and_hash(path, archive, entry.path) != (entry.bytes, entry.sha256)
         ]
         wrong, notes, sessions = _of_study(_as_folder(path, archive), index)
         return ArchiveFindings(index, sessions, (*problems, *wrong), notes)
@@ -129,34 +122,6 @@ def check_folder(folder: Path) -> ArchiveFindings:
     problems += [f"{name} is not of the archive" for name in sorted(found - listed)]
     wrong, notes, sessions = _of_study(folder, index)
     return ArchiveFindings(index, sessions, (*problems, *wrong), notes)
-
-
-def restore(path: Path, file: IO[bytes], out: Path) -> Index:
-    """Unpack an archive into a folder that did not exist before, file by file against the list.
-
-    Raises
-    ------
-    StudyError
-        If `out` exists, the archive is not whole, or the disk refuses. Nothing is left behind then.
-    """
-    if out.exists() or out.is_symlink():
-        raise StudyError(f"{out}: must not exist yet; nothing is restored over what is there")
-    try:
-        check_result(out)
-        with _members(path, file) as (archive, index), whole_folder(out) as part:
-            for entry in index.files:
-                target = part / entry.path
-                target.parent.mkdir(parents=True, exist_ok=True)
-                found = _copied(_pieces(path, archive, entry.path), target)
-                if found != (entry.bytes, entry.sha256):
-                    raise StudyError(f"{path}: {entry.path} was changed; nothing was restored")
-            _copied([index.to_bytes()], part / INDEX_NAME)
-    except OSError as error:
-        raise StudyError(
-            f"{out}: the disk refused ({error.strerror}); nothing was restored. Make room, or"
-            " choose another folder"
-        ) from None
-    return index
 
 
 @contextmanager
@@ -234,25 +199,12 @@ def _index(path: Path, data: bytes) -> Index:
     return index
 
 
-def _pieces(path: Path, archive: zipfile.ZipFile, name: str) -> Iterator[bytes]:
-    """Yield a member piece by piece; `StudyError` where the archive is not whole."""
+def _length_and_hash(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[int, str]:
+    digest, length = hashlib.sha256(), 0
     with reading(path, "a whole archive", StudyError), archive.open(name) as data:
         while piece := data.read(_PIECE):
-            yield piece
-
-
-def _copied(pieces: Iterable[bytes], target: Path | None = None) -> tuple[int, str]:
-    """Return length and hash of a file, written onto the disk if it is wanted there."""
-    digest, length = hashlib.sha256(), 0
-    with open(target, "xb", opener=open_new) if target else nullcontext() as out:
-        for piece in pieces:
             digest.update(piece)
             length += len(piece)
-            if out:
-                out.write(piece)
-        if out:
-            out.flush()
-            os.fsync(out.fileno())  # a disk that is full may say so only now
     return length, digest.hexdigest()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,7 +20,6 @@ from protocols.load import SECRET_SUFFIX, load_protocol, shipped
 from protocols.manifest import MANIFEST_NAME, check_manifest, read_manifest
 from protocols.revision import code_revision, package_version
 from protocols.study_file.schema import StudyProtocol
-from study_app.archive.encryption import seal
 from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, ArchivedFile, Index
 from study_app.archive.read_archive import ArchiveFindings, check
 from study_app.session_folders import find_sessions
@@ -33,7 +31,7 @@ _PACKED_ALREADY = {".png", ".gz", ".webm"}
 
 @dataclass(frozen=True)
 class ArchiveOptions:
-    """Content that an archive is to hold, and how it is to be closed."""
+    """Content that an archive is to hold."""
 
     protocol: Path
     sessions: Path
@@ -42,16 +40,9 @@ class ArchiveOptions:
     frames: bool = False
     """Their frames as well."""
     secret: bool = False
-    """The study's secret also where the archive is not encrypted."""
-    recipients: Sequence[str] = ()
-    passphrase: str | None = None
+    """The study's secret as well."""
     as_it_is: bool = False
     """Also what is not as it was recorded."""
-
-    @property
-    def encrypted(self) -> bool:
-        """True if nobody reads it without a key."""
-        return bool(self.recipients) or self.passphrase is not None
 
 
 def write_archive(
@@ -79,7 +70,7 @@ def write_archive(
     )  # fmt: skip
     protocol = load_protocol(path, recorded=True)
     members = list(_members(wanted, path, protocol))
-    with _appearing(out) as final, _plain(final, wanted.encrypted) as file:
+    with _appearing(out) as file:
         entries = _pack(file, members, progress)
         index = Index(
             format=1,
@@ -101,9 +92,6 @@ def write_archive(
                 f"{out}: what is archived must be as it was recorded ({told}); restore it from a"
                 " copy, or archive it as it is with --as-it-is. Nothing was written"
             )
-        if wanted.encrypted:
-            file.seek(0)
-            seal(file, final, recipients=wanted.recipients, passphrase=wanted.passphrase)
     return index, found
 
 
@@ -113,7 +101,7 @@ def _members(
     """Yield each file's place in the archive, and the file."""
     yield f"{STUDY}/{path.name}", path
     secret = path.with_suffix(SECRET_SUFFIX)
-    if protocol.privacy.secret_sha256 and secret.exists() and (wanted.encrypted or wanted.secret):
+    if protocol.privacy.secret_sha256 and secret.exists() and wanted.secret:
         yield f"{STUDY}/{secret.name}", secret
     for name in (protocol.display.display, getattr(protocol.stimuli, "table", None)):
         if name is None:
@@ -201,13 +189,3 @@ def _name(part: Path, out: Path) -> None:
         if out.exists():
             raise StudyError(f"{out}: must not exist yet; another program wrote it") from None
         move(part, out)
-
-
-@contextmanager
-def _plain(final: IO[bytes], encrypted: bool) -> Iterator[IO[bytes]]:
-    """Yield the file of the readable archive: one without a name where another is to be kept."""
-    if not encrypted:
-        yield final
-        return
-    with tempfile.TemporaryFile() as file:
-        yield file

@@ -1,9 +1,7 @@
-"""The commands of `metamerlab session` for copies of a whole study: writing and restoring one."""
+"""The command of `metamerlab session` for copies of a whole study."""
 
 from __future__ import annotations
 
-import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -13,30 +11,10 @@ from protocols.errors import StudyError
 from protocols.prose import count_of
 from study_app.archive.index import INDEX_NAME
 from study_app.archive.read_archive import ArchiveFindings, check, check_folder, opened
-from study_app.archive.read_archive import restore as restore_archive
 from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.cli.options import ProtocolArgument
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import say
-
-PASSPHRASE = "METAMERLAB_PASSPHRASE"
-"""Environment variable that scripts give a passphrase in; people are asked for it."""
-IdentityOption = Annotated[
-    Path | None,
-    typer.Option(help="File of age-keygen with the secret key, for archives encrypted to a key."),
-]
-
-
-@dataclass(frozen=True)
-class SecrecyOptions:
-    """Encryption of an archive, and the study's secret in it."""
-
-    passphrase: bool = False
-    """Encrypt with a passphrase, which the command asks for."""
-    recipient: list[str] | None = None
-    """Encrypt to a public key of age, age1...; may be given more than once."""
-    with_secret: bool = False
-    """Include the study's secret in an unencrypted archive."""
 
 
 def archive(
@@ -48,25 +26,23 @@ def archive(
     ] = None,
     with_clips: Annotated[bool, typer.Option(help="Include the frames.")] = False,
     *,
-    secrecy: SecrecyOptions,
+    with_secret: Annotated[bool, typer.Option(help="Include the study's secret.")] = False,
     as_it_is: Annotated[
         bool, typer.Option(help="Also archive what is not as it was recorded.")
     ] = False,
 ) -> None:
     """Write a verified copy of a study into one file: study, sessions, manifest, optional clips.
 
-    The file is a zip archive, optionally encrypted with age. Encrypted archives hold the study's
-    secret, plain ones only with --with-secret. The archive is read back before it gets its name,
-    and never replaces a file. The study is not changed.
+    The file is a zip archive, which any program unpacks. It holds the study's secret only with
+    --with-secret. It is read back before it gets its name, and never replaces a file. The study is
+    not changed.
 
     Examples:
 
         metamerlab session archive study.toml --stimuli clips --out backup.zip
 
-        metamerlab session archive study.toml --stimuli clips --passphrase --out backup.zip.age
+        metamerlab session archive study.toml --with-secret --out backup.zip
     """
-    if secrecy.passphrase and secrecy.recipient:
-        raise StudyError("--passphrase: must not stand beside --recipient; take one of them")
     if with_clips and stimuli is None:
         raise StudyError("--with-clips: needs the folder of clips; name it with --stimuli")
     wanted = ArchiveOptions(
@@ -74,33 +50,17 @@ def archive(
         sessions,
         clips=stimuli,
         frames=with_clips,
-        secret=secrecy.with_secret,
-        recipients=tuple(secrecy.recipient or ()),
-        passphrase=_passphrase(new=True) if secrecy.passphrase else None,
+        secret=with_secret,
         as_it_is=as_it_is,
     )
     with one_line() as progress:
         index, found = write_archive(wanted, out, progress)
     _tell(out, found)
-    if not index.secret and found.notes and not wanted.encrypted:
+    if not index.secret and found.notes:
         say("note: keep the study's secret elsewhere, or archive it with --with-secret")
 
 
-def restore(
-    file: Annotated[Path, typer.Argument(help="File of 'session archive'.")],
-    out: Annotated[Path, typer.Option(help="New folder. It appears only when complete.")],
-    identity: IdentityOption = None,
-) -> None:
-    """Unpack an archive into a new folder, and check every file's hash.
-
-    Example: metamerlab session restore backup.zip --out restored
-    """
-    with opened(file, identity=identity, ask=_passphrase) as plain:
-        index = restore_archive(file, plain, out)
-    say(f"{out}: {count_of(len(index.files), 'file')} of {index.study}, each as it was archived")
-
-
-def verify_archive(path: Path, identity: Path | None) -> None:
+def verify_archive(path: Path) -> None:
     """Prove an archive whole, as a file or as the folder it was unpacked into; say what was found.
 
     Raises
@@ -111,8 +71,8 @@ def verify_archive(path: Path, identity: Path | None) -> None:
     if path.is_dir():
         found = check_folder(path)
     else:
-        with opened(path, identity=identity, ask=_passphrase) as plain:
-            found = check(path, plain)
+        with opened(path) as file:
+            found = check(path, file)
     _tell(path, found)
     if found.problems:
         raise StudyError(
@@ -127,9 +87,8 @@ def is_archive(path: Path) -> bool:
 
 
 def register(app: typer.Typer) -> None:
-    """Add these commands to the group `session`."""
+    """Add this command to the group `session`."""
     app.command()(archive)
-    app.command()(restore)
 
 
 def _tell(path: Path, found: ArchiveFindings) -> None:
@@ -144,12 +103,3 @@ def _tell(path: Path, found: ArchiveFindings) -> None:
     for note in found.notes:
         say(f"  note: {note}")
     say(f"list of files: SHA-256 {index.sha256}; note it elsewhere to detect any later change")
-
-
-def _passphrase(*, new: bool = False) -> str:
-    given = os.environ.get(PASSPHRASE)
-    if given is None:
-        given = typer.prompt("Passphrase", hide_input=True, confirmation_prompt=new, err=True)
-    if not given:
-        raise StudyError("passphrase: must not be empty")
-    return str(given)

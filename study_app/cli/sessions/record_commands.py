@@ -24,7 +24,7 @@ from study_app.cli.options import (
     SessionsOption,
     recorded_protocol,
 )
-from study_app.cli.sessions.archive_commands import IdentityOption, is_archive, verify_archive
+from study_app.cli.sessions.archive_commands import is_archive, verify_archive
 from study_app.cli.terminal import PlainConsole, say, table_of
 from study_app.operator_view import rows
 from study_app.recorder import utc_now
@@ -90,7 +90,6 @@ def verify(
         Path | None,
         typer.Option(help=SESSIONS_PROTOCOL_HELP + " Compares every trial with the plan."),
     ] = None,
-    identity: IdentityOption = None,
     render: Annotated[
         bool,
         typer.Option(
@@ -134,7 +133,7 @@ def verify(
                     "--protocol and --render: must be left out: an archive has its own protocol; to"
                     " draw frames again, unpack it and name the folder of sessions"
                 )
-            verify_archive(sessions, identity)
+            verify_archive(sessions)
             return
         study = recorded_protocol(protocol) if protocol else None
         paths = find_journals(sessions)

@@ -534,8 +534,6 @@ def _records() -> Iterator[Bomb]:
     yield Bomb("archive.json of 45 MB of lists", archive((b"[", b"[],", 15_000_000, b"0]")), words)
     yield Bomb("archive.json of brackets", archive((b"", b"[", 100_000, b"")), words)
     yield Bomb("archive of 3e6 files", many_members("a.zip", 3_000_000), words)
-    yield Bomb("archive of 3e6 files, restored", many_members("a.zip", 3_000_000),
-               "session restore a.zip --out o")  # fmt: skip
     journal = {"sessions__demo__P1__journal.jsonl": (b"", b"\0", 1_500_000_000, b"")}
     yield Bomb("archive of a journal of 1.5 GB", partial(_archive_with, journal), words)
 

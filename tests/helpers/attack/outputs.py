@@ -77,7 +77,6 @@ COMMANDS = (
         for form in ("bids", "pwcmp")
     ),
     Command("new-study", "new-study {o} --name made"),
-    Command("restore", "session restore {i}/study.zip --out {o}", ["study.zip"]),
     Command("simulate", "session simulate demo --participants 1 --out {o}", goes_on=True),
     Command(
         "build", "stimuli build {i}/yes-no/study.toml --out {o} --workers 1", ["yes-no"],

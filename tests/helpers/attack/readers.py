@@ -59,7 +59,7 @@ from stimuli.read_stimulus import read_frames, read_picture
 from stimuli.scenes.mesh_file import load_world
 from stimuli.scenes.photo import load_depth
 from stimuli.score.viewing_conditions import open_viewing, read_gaze
-from study_app.archive.read_archive import check, opened, restore
+from study_app.archive.read_archive import check, opened
 from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.attempt_record import FLIPS_HEADER, LIVE_HEADER
 from study_app.gaze.recording import load_recording
@@ -140,10 +140,8 @@ def _samples(path: Path) -> Any:
 
 
 def _archive(path: Path) -> Any:
-    with opened(path, identity=None, ask=str) as plain:
-        found = check(path, plain)
-        shutil.rmtree(path.parent / "restored", ignore_errors=True)
-        restore(path, plain, path.parent / "restored")
+    with opened(path) as file:
+        found = check(path, file)
     return [entry.bytes for entry in found.index.files]
 
 

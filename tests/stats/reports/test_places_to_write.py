@@ -95,7 +95,6 @@ SLOW = [
     "analysis power no-study.toml",
     "analysis sequential no-study.toml",
     "analysis export no-sessions --protocol demo --format bids",
-    "session restore no-archive.zip",
 ]  # fmt: skip
 
 
@@ -104,7 +103,6 @@ SLOW = [
 @pytest.mark.parametrize("words", SLOW)
 def test_a_bad_place_is_told_before_anything_is_read(words, out):
     """Files to be read are not there, so a command that looks at them first says that."""
-    Path("no-archive.zip").write_bytes(b"no archive")
     Path("no-table.csv").write_bytes(b"")
     before = held(Path())
 

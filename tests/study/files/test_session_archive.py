@@ -1,8 +1,7 @@
-"""A study in one file: whole or not there, proven whole, encrypted, restored, and never a trap."""
+"""A study in one file: whole or not there, proven whole, and never a trap."""
 
 from __future__ import annotations
 
-import errno
 import os
 import re
 import shutil
@@ -17,20 +16,15 @@ from protocols.disk.hashing import sha256_bytes
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
-from study_app.archive import read_archive
 from study_app.archive.index import INDEX_NAME, ArchivedFile, Index
 from study_app.cli import app, new_study_command
-from study_app.cli.sessions import archive_commands
 from study_app.simulate import SimulatedStudy, simulate_session
 
 SECRET = "a secret of the lab"
 
 
-def session(*words: object, passphrase: str | None = None, said: str | None = None):
-    env = {"METAMERLAB_PASSPHRASE": passphrase}
-    return CliRunner().invoke(
-        app, ["session", *map(str, words)], env=env, input=said, terminal_width=200
-    )
+def session(*words: object):
+    return CliRunner().invoke(app, ["session", *map(str, words)], terminal_width=200)
 
 
 @pytest.fixture(scope="module")
@@ -89,10 +83,8 @@ def backup(made, tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def archived(*more: object, out: str = "backup.zip", **options):
-    done = session(
-        "archive", "my-study/study.toml", "--stimuli", "clips", "--out", out, *more, **options
-    )
+def archived(*more: object, out: str = "backup.zip"):
+    done = session("archive", "my-study/study.toml", "--stimuli", "clips", "--out", out, *more)
     assert done.exit_code == 0, done.output
     return done
 
@@ -111,6 +103,7 @@ def test_an_archive_holds_the_study_and_its_sessions_byte_for_byte(here):
     assert {f"sessions/demo/S00{n}/journal.jsonl" for n in (1, 2)} < names
     kept = {p.relative_to(here).as_posix() for p in here.glob("sessions/demo/**/*") if p.is_file()}
     assert kept <= names
+    assert stat.S_IMODE(Path("backup.zip").stat().st_mode) == 0o600
     assert session("verify", "backup.zip").exit_code == 0
 
 
@@ -127,7 +120,7 @@ def test_equal_studies_make_equal_archives_and_none_is_written_over():
 
 
 @pytest.mark.usefixtures("here")
-def test_a_secret_is_in_it_where_it_is_encrypted_or_asked_for():
+def test_a_secret_is_in_it_where_it_is_asked_for():
     archived(out="plain.zip")
     archived("--with-secret", out="asked.zip")
 
@@ -141,63 +134,31 @@ def test_a_secret_is_in_it_where_it_is_encrypted_or_asked_for():
     assert SECRET.encode() not in Path("plain.zip").read_bytes()
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("here")
-def test_an_encrypted_archive_opens_with_its_passphrase_alone(full):
-    pytest.importorskip("pyrage", reason="pyrage is not installed (extra age)")
-    archived("--passphrase", out="b.zip.age", passphrase="four words of mine")
-    assert Path("b.zip.age").read_bytes().startswith(b"age-encryption.org/v1")
-    assert stat.S_IMODE(Path("b.zip.age").stat().st_mode) == 0o600
+@pytest.mark.parametrize(("name", "plain"), [("b.zip.age", "b.zip"), ("backup", "backup.zip")])
+def test_an_archive_that_0_3_encrypted_is_refused_with_the_cure(tmp_path, name, plain):
+    sealed = tmp_path / name
+    sealed.write_bytes(b"age-encryption.org/v1\n-> scrypt c2FsdA 18\n" + bytes(range(256)))
+    done = session("verify", sealed)
 
-    done = session("verify", "b.zip.age", said="four words of mine\n")
-    assert done.exit_code == 0
-    assert "the study's secret" in done.output
-    assert "not compared" not in done.output
-    if full:  # age makes every try cost seconds, on purpose
-        wrong = session("verify", "b.zip.age", passphrase="another")
-        assert (wrong.exit_code, "must open with this" in wrong.output) == (2, True)
-
-
-@pytest.mark.usefixtures("here")
-def test_an_archive_to_a_key_opens_with_the_secret_half_and_restores():
-    pyrage = pytest.importorskip("pyrage", reason="pyrage is not installed (extra age)")
-    identity = pyrage.x25519.Identity.generate()
-    Path("key.txt").write_text(f"# created\n{identity}\n")
-    archived("--recipient", identity.to_public(), out="b.zip.age")
-
-    assert "name its file with --identity" in session("verify", "b.zip.age").output
-    assert session("verify", "b.zip.age", "--identity", "key.txt").exit_code == 0
-    harmed = bytearray(Path("b.zip.age").read_bytes())
-    harmed[-70] ^= 1
-    Path("harmed").write_bytes(harmed)
-    done = session("verify", "harmed", "--identity", "key.txt")
-    assert (done.exit_code, "must open with this key" in done.output) == (2, True)
-    done = session("restore", "b.zip.age", "--identity", "key.txt", "--out", "restored")
-    assert done.exit_code == 0, done.output
-    assert Path("restored/study/study.secret").read_text() == SECRET + "\n"
-    study = load_protocol(Path("restored/study/study.toml"))
-    assert study.sha256 == load_protocol(Path("my-study/study.toml")).sha256
-    bad = session("archive", "my-study/study.toml", "--recipient", "age1no", "--out", "c")
-    assert (bad.exit_code, "must be a public key" in bad.output) == (2, True)
-    assert not Path("c").exists()
+    assert done.exit_code == 2
+    assert done.output.startswith(f"error: {sealed}: must be a plain archive (it is encrypted")
+    assert f"'age --decrypt --output {tmp_path / plain} {sealed}'" in done.output
+    assert done.output.endswith(f"then verify {tmp_path / plain}\n")
 
 
 @pytest.mark.usefixtures("backup")
-def test_it_is_restored_whole_by_the_command_and_by_unzip():
-    assert session("restore", "backup.zip", "--out", "one").exit_code == 0
+def test_it_is_restored_whole_by_unzip():
     with zipfile.ZipFile("backup.zip") as archive:
         archive.extractall("two")
 
-    for name in ("one", "two"):
-        assert session("verify", name).exit_code == 0
-        done = session("verify", f"{name}/sessions", "--protocol", f"{name}/study/study.toml")
-        assert done.exit_code == 0, done.output
-    again = session("restore", "backup.zip", "--out", "one")
-    assert (again.exit_code, "must not exist yet" in again.output) == (2, True)
+    assert session("verify", "two").exit_code == 0
+    done = session("verify", "two/sessions", "--protocol", "two/study/study.toml")
+    assert done.exit_code == 0, done.output
+    assert Path("two/study/study.secret").read_text() == SECRET + "\n"
+    Path("two/study/mine.txt").touch()
+    assert "study/mine.txt is not of the archive" in session("verify", "two").output
     next(Path("two").rglob("flips/*.csv")).write_text("x")
     assert "was changed" in session("verify", "two").output
-    Path("one/study/mine.txt").touch()
-    assert "study/mine.txt is not of the archive" in session("verify", "one").output
 
 
 def test_what_is_not_as_it_was_recorded_is_archived_on_demand_alone(here):
@@ -270,12 +231,11 @@ JOURNAL = "sessions/demo/S001/journal.jsonl"
 def test_a_changed_or_hostile_archive_is_one_message_and_nothing_is_unpacked(backup, change, said):
     rewritten(change)
     before = set(backup.rglob("*"))
-    for words in (("verify", "backup.zip"), ("restore", "backup.zip", "--out", "r/r")):
-        done = session(*words)
-        assert done.exit_code == 2, done.output
-        assert said in done.output or "restore" in words
-        assert "Traceback" not in done.output
-    assert {path for path in backup.rglob("*") if path != backup / "r"} == before
+    done = session("verify", "backup.zip")
+    assert done.exit_code == 2, done.output
+    assert said in done.output
+    assert "Traceback" not in done.output
+    assert set(backup.rglob("*")) == before
 
 
 def test_links_bombs_and_doubled_names_are_refused(tmp_path, monkeypatch):
@@ -285,8 +245,8 @@ def test_links_bombs_and_doubled_names_are_refused(tmp_path, monkeypatch):
         Path("evil.zip").unlink(missing_ok=True)
         with zipfile.ZipFile("evil.zip", "w", zipfile.ZIP_DEFLATED) as archive:
             fill(archive)
-        done = session("restore", "evil.zip", "--out", "r")
-        assert (done.exit_code, Path("r").exists()) == (2, False)
+        done = session("verify", "evil.zip")
+        assert (done.exit_code, [*Path().iterdir()]) == (2, [Path("evil.zip")])
         return done.output
 
     link = zipfile.ZipInfo("study/link")
@@ -323,38 +283,7 @@ def test_a_full_disk_leaves_nothing_behind(here, monkeypatch):
     assert not [path for path in here.iterdir() if "b.zip" in path.name]
 
 
-@pytest.mark.usefixtures("here")
-def test_without_the_package_encryption_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pyrage", None)
-    done = session("archive", "my-study/study.toml", "--passphrase", "--out", "b", passphrase="x")
-    assert (done.exit_code, "metamerlab[age]" in done.output) == (2, True)
-    assert not Path("b").exists()
-
-
-# --- secrets, kills and full disks ---------------------------------------------------------------
-
-
-def keys(folder: Path) -> tuple[str, Path]:
-    """A public key of age, and the file of its secret key."""
-    pyrage = pytest.importorskip("pyrage", reason="pyrage is not installed (extra age)")
-    identity = pyrage.x25519.Identity.generate()
-    (folder / "key.txt").write_text(f"{identity}\n")
-    return str(identity.to_public()), folder / "key.txt"
-
-
-@pytest.mark.usefixtures("backup")
-@pytest.mark.parametrize("mask", [0o000, 0o022])
-def test_a_secret_is_nobody_else_s_to_read_once_it_is_restored(mask):
-    before = os.umask(mask)
-    try:
-        done = session("restore", "backup.zip", "--out", "back")
-    finally:
-        os.umask(before)
-
-    assert done.exit_code == 0, done.output
-    assert stat.S_IMODE(Path("back/study/study.secret").stat().st_mode) == 0o600
-    assert stat.S_IMODE(Path("back/study/study.toml").stat().st_mode) == 0o666 & ~mask
-    assert Path("back/study/study.secret").read_text() == SECRET + "\n"
+# --- secrets -------------------------------------------------------------------------------------
 
 
 def test_a_secret_is_nobody_else_s_to_read_from_its_first_byte(tmp_path, monkeypatch):
@@ -374,36 +303,6 @@ def test_a_secret_is_nobody_else_s_to_read_from_its_first_byte(tmp_path, monkeyp
     assert done.exit_code == 0, done.output
     assert modes == [0o600]
     assert stat.S_IMODE((tmp_path / "mine/study.secret").stat().st_mode) == 0o600
-
-
-def test_a_sealed_archive_is_verified_without_a_readable_file_at_any_time(here, monkeypatch):
-    """So a program that is killed meanwhile leaves nothing."""
-    public, secret = keys(here)
-    place = here / "temporary"
-    place.mkdir()
-    monkeypatch.setattr("tempfile.tempdir", str(place))
-    lain: list[Path] = []
-
-    def looked(inner):
-        def look(*words, **more):
-            lain.extend(place.rglob("*"))
-            found = inner(*words, **more)
-            lain.extend(place.rglob("*"))
-            return found
-
-        return look
-
-    for name in ("unseal", "load_protocol", "read_journal", "verify", "check"):
-        monkeypatch.setattr(read_archive, name, looked(getattr(read_archive, name)))
-    monkeypatch.setattr(archive_commands, "check", read_archive.check)
-    written = {path for path in here.rglob("*") if path.is_file()}
-    archived("--recipient", public, out="b.age")
-    said = session("verify", "b.age", "--identity", secret).output
-
-    assert "whole (demo: 2 sessions" in said
-    assert "not compared" not in said
-    assert lain == []
-    assert {path for path in here.rglob("*") if path.is_file()} == {*written, here / "b.age"}
 
 
 @pytest.mark.usefixtures("backup")
@@ -440,44 +339,5 @@ def test_a_file_that_is_a_folder_as_well_is_refused_by_verify_too():
         members[INDEX_NAME] = index.model_copy(update={"files": entries}).to_bytes()
 
     rewritten(both)
-    for words in (("verify", "backup.zip"), ("restore", "backup.zip", "--out", "r")):
-        done = session(*words)
-        assert (done.exit_code, "must not be a folder as well" in done.output) == (2, True)
-    assert not Path("r").exists()
-
-
-@pytest.mark.parametrize("at", ["write", "sync", "folder"])
-def test_restoring_onto_a_full_disk_says_so_and_leaves_nothing(backup, monkeypatch, at):
-    """Before, a full disk was said to be an archive that is not whole."""
-    before = set(backup.rglob("*"))
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    if at == "write":
-        full_disk = "/dev/full", os.O_WRONLY
-        monkeypatch.setattr(read_archive, "open_new", lambda *_: os.open(*full_disk))
-    elif at == "sync":
-        monkeypatch.setattr("study_app.archive.read_archive.os.fsync", full)
-    else:
-        monkeypatch.setattr(Path, "replace", full)
-    done = session("restore", "backup.zip", "--out", "back")
-
-    assert done.exit_code == 2
-    assert done.output.startswith("error: back: the disk refused (No space left on device)")
-    assert "nothing was restored" in done.output
-    assert len(done.output.splitlines()) == 1
-    assert set(backup.rglob("*")) == before
-
-
-def test_no_room_to_decrypt_is_told_with_the_folder(here, monkeypatch):
-    public, secret = keys(here)
-    archived("--recipient", public, out="b.age")
-    with Path("/dev/full").open("w+b", 0) as full:
-        monkeypatch.setattr("tempfile.TemporaryFile", lambda: full)
-        done = session("restore", "b.age", "--identity", secret, "--out", "back")
-
-    assert done.exit_code == 2
-    assert "b.age: must be decrypted into " in done.output
-    assert "(No space left on device)" in done.output
-    assert not Path("back").exists()
+    done = session("verify", "backup.zip")
+    assert (done.exit_code, "must not be a folder as well" in done.output) == (2, True)
