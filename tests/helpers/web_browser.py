@@ -18,15 +18,16 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from chromium import Chromium
+from loopback import FolderHandler
+from loopback import served as served_by
 from PIL import Image
 from web_kernel import WEB, needed, node_modules
 
-from study_app.web.browser_observers import CLOCK, OBSERVER
-from study_app.web.chromium import PROGRAMS, Chromium, running_chromium
-from study_app.web.serve import FolderHandler
-from study_app.web.serve import served as served_by
-
-STUB = Path(__file__).with_name("web") / "jatos_stub.js"
+_SCRIPTS = Path(__file__).with_name("web")
+STUB = _SCRIPTS / "jatos_stub.js"
+CLOCK, OBSERVER = ((_SCRIPTS / f"{one}.js").read_text() for one in ("clock", "observer"))
+"""Scripts for a page: a virtual display, and an observer who does what `observer.answer` says."""
 LUCKY = """
 let luck = 7, keys = null;
 const drawn = () => { luck = (Math.imul(luck, 1103515245) + 12345) >>> 0; return luck / 2 ** 32; };
@@ -121,14 +122,6 @@ def screen(browser: Chromium) -> np.ndarray:
     """Return the composited page, shape (height, width, 3)."""
     png = base64.b64decode(browser.devtools("Page.captureScreenshot")["data"])
     return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
-
-
-@contextmanager
-def chromium_for_tests(*arguments: str) -> Iterator[Chromium]:
-    """Start Chromium, where it is there."""
-    needed("Chromium", next(filter(None, map(shutil.which, PROGRAMS)), None))
-    with running_chromium(*arguments) as browser:
-        yield browser
 
 
 @contextmanager

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from web_browser import chromium_for_tests, running_firefox
+from chromium import chromium_for_tests
+from web_browser import running_firefox
 from web_study import cases_in
 
 

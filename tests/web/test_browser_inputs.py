@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 
 import pytest
-from web_browser import CLOCK, OBSERVER, chromium_for_tests, said, served
+from chromium import Chromium, chromium_for_tests
+from web_browser import CLOCK, OBSERVER, said, served
 from web_study import brought_home, built, for_browsers
 
 from protocols.journal import Note
 from protocols.journal_file import read_journal
-from study_app.web.chromium import Chromium
 
 # How many attempts have begun, where the one that runs awaits an answer.
 ASKS = "(document.querySelector('canvas')?.style.cursor === 'default' && window.begun)"

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from chromium import chromium_for_tests
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
-from web_browser import Browser, Site, chromium_for_tests, screen, served
+from web_browser import Browser, Site, screen, served
 from web_kernel import WEB, node_modules
 from web_study import WEB_CASES, BuiltWebStudy
 

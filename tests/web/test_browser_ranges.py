@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 
+import loopback
 import pytest
 from study_texts import short_study
 from task_cases import PREFERENCE, TRIAL
-from web_browser import LUCKY, until
+from web_browser import CLOCK, LUCKY, OBSERVER, until
 from web_study import built, for_browsers
 
 from protocols.load import load_study
-from study_app.web import serve
-from study_app.web.browser_observers import CLOCK, OBSERVER
 
 CLIPS = """kind = "files"
 width_px = 520
@@ -25,7 +24,7 @@ entries = [
 ]"""
 
 
-class Handler(serve.FolderHandler):
+class Handler(loopback.FolderHandler):
     """Notes what is asked for; answers ranges, as JATOS does, where `ranges` is set."""
 
     ranges: bool
@@ -70,7 +69,7 @@ def of(tmp_path_factory):
 def test_clips_come_frame_by_frame_or_whole_as_the_server_can(chromium, of, ranges):
     own = {"folder": of.out, "ranges": ranges, "asked": []}
     handler = type("Ranges", (Handler,), own)
-    with serve.served(handler) as url:
+    with loopback.served(handler) as url:
         script = "addEventListener('error', (event) => { document.title = event.message; });"
         page = f"{url}index.html?slot=1&simulated"
         size = of.exported["window_px"]

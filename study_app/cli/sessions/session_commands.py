@@ -160,35 +160,14 @@ def simulate(
     stimuli: Annotated[
         Path | None, typer.Option(help="Folder of built clips. Default: clips without pixels.")
     ] = None,
-    web: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder that 'session export-web' wrote: observers run its page in Chromium,"
-            " without a window."
-        ),
-    ] = None,
 ) -> None:
     """Run artificial observers through the real session, on a virtual display.
 
-    Journals have the usual format and are marked as simulated. With --web, observers go through
-    the page that participants get, and sessions come home as those of participants do.
+    Journals have the usual format and are marked as simulated.
 
-    Examples:
-
-        metamerlab session simulate demo --out sessions --participants 11
-
-        metamerlab session simulate my-study.toml --web web --stimuli clips --out sessions
+    Example: metamerlab session simulate demo --out sessions --participants 11
     """
     study, screen = load_study(protocol, display)
-    if web is not None:
-        desk_only = {
-            "--late-per-1000": desk.late_per_1000, "--doubled-per-1000": desk.doubled_per_1000,
-            "--steady-gaze": desk.steady_gaze, "--gaze-hz": desk.gaze_hz != GAZE_HZ,
-        }  # fmt: skip
-        if given := [name for name, value in desk_only.items() if value]:
-            raise StudyError(f"{given[0]}: must be left out with --web (a browser has no such)")
-        if stimuli is None:
-            raise StudyError("--web: needs --stimuli, the folder of the clips it was made of")
     simulation = SimulatedStudy(
         study,
         screen,
@@ -227,22 +206,13 @@ def simulate(
 
         gc.freeze()  # what is loaded by now stays: no session need search it for garbage
         try:
-            if web is None:
-                ended = simulate_study(simulation, out, crowd.participants, on_attempt=on_attempt)
-                outcomes = {code: outcome.main_done for code, outcome in ended.items()}
-            else:
-                from study_app.web.browser_observers import (
-                    simulate_in_browser,  # pictures and fonts
-                )
-
-                outcomes = simulate_in_browser(
-                    simulation, web, out, crowd.participants, on_attempt=on_attempt
-                )
+            ended = simulate_study(simulation, out, crowd.participants, on_attempt=on_attempt)
         finally:
             gc.unfreeze()
-    made = count_of(len(outcomes), "simulated session")
-    say(f"{out / study.study.name}: {made}, {count_of(sum(outcomes.values()), 'decision')}")
-    codes = {*map(participant_code, range(crowd.participants)), *outcomes}
+    made = count_of(len(ended), "simulated session")
+    decisions = sum(outcome.main_done for outcome in ended.values())
+    say(f"{out / study.study.name}: {made}, {count_of(decisions, 'decision')}")
+    codes = {*map(participant_code, range(crowd.participants))}
     require_decisions(
         session for session in find_sessions(out, study.study.name) if session.participant in codes
     )

@@ -1,6 +1,6 @@
 /** Drives Firefox for Python's tests, over BiDi: an order and an answer are a JSON line each.
  *
- * `study_app/web/chromium.py` drives Chromium.
+ * `tests/helpers/chromium.py` drives Chromium.
  */
 import { createInterface } from "node:readline";
 import { launch, type Browser, type BrowserContext, type Page } from "puppeteer-core";
