@@ -23,16 +23,19 @@ INSTEAD: Mapping[str, str] = {
     " lsl:NAME,unit=norm (docs/trackers.md says how, by device)",
     "--gaze tobii": "run TittaLSL or App-TobiiPro and name its stream, as --gaze"
     " lsl:Tobii,x=left_x,y=left_y,unit=norm (docs/trackers.md says what to check)",
+    "protocol script": "give the same options to 'metamerlab protocol show STUDY --script'",
     "session archive --passphrase": "encrypt the archive by 'age --passphrase --output"
     " backup.zip.age backup.zip'",
     "session archive --recipient": "encrypt the archive by 'age --recipient age1... --output"
     " backup.zip.age backup.zip'",
     "session restore": "unzip the archive with any program, and prove the folder with 'metamerlab"
     " session verify'",
-    "session simulate --web": "open the exported page in a browser by hand, with '?slot=0&simulated'"
-    " (docs/web.md, step 5); without --web, artificial observers run on a virtual display",
+    "session simulate --web": "open the exported page in a browser by hand, with"
+    " '?slot=0&simulated' (docs/web.md, step 5); without --web, artificial observers run on a"
+    " virtual display",
     "session verify --identity": "decrypt the archive by 'age --decrypt --identity key.txt --output"
     " backup.zip backup.zip.age', and verify backup.zip",
+    "stimuli probe": "use 'metamerlab stimuli check CLIPS --flicker'",
 }
 """Words that name a removed part, as a user writes them, and what to do instead.
 

@@ -267,7 +267,7 @@ mine = study_app.observers.preference_observer:PreferenceModel.of
 """
 DOORS = {
     "check": ("protocol", "check"),
-    "script": ("protocol", "script", "--code", "P01"),
+    "script": ("protocol", "show", "--script"),
     "preview": ("protocol", "preview"),
     "simulate": ("session", "simulate", "--out", "sessions"),
     "run": ("session", "run", "--stimuli", ".", "--participant", "P01"),

@@ -36,8 +36,8 @@ from study_app.cli.new_study_command import slug, study_name
 from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.preview_command import preview
-from study_app.cli.script_command import script, trial_table
 from study_app.cli.terminal import PlainConsole, say, say_notes
+from study_app.cli.trial_tables import ScriptOptions, print_scripts, trial_table
 
 app = CommandGroup(
     help="""Write, check and plan a study.
@@ -149,14 +149,34 @@ def show(
     protocol: ProtocolArgument,
     display: DisplayOption = None,
     slot: Annotated[
-        int | None, typer.Option(min=0, help="List the trials of this counterbalancing slot.")
+        int | None,
+        typer.Option(min=0, max=2**53, help="List the trials of this counterbalancing slot."),
     ] = None,
+    *,
+    scripts: ScriptOptions,
 ) -> None:
     """Show a protocol's trials, duration and memory, and which displays can show it.
 
-    Example: metamerlab protocol show inpainting-2afc --slot 0
+    With --script, shows what a participant meets. What an adaptive trial shows follows from
+    answers, so it has no script before. The formats are those of `protocol schema plan` and
+    `script`.
+
+    Examples:
+
+        metamerlab protocol show inpainting-2afc --slot 0
+
+        metamerlab protocol show demo --script --code P01 --trial main-0003
+
+        metamerlab protocol show demo --script --code P01 --slot 2 --json > scripts.json
     """
+    if not scripts.script and scripts != ScriptOptions():
+        raise StudyError(
+            "--code, --trial, --json, --language, --pictures and --stimuli are for --script; add it"
+        )
     study, screen = load_study(protocol, display)
+    if scripts.script:
+        print_scripts(study, screen, slot or 0, scripts)
+        return
     plan = _plan(study, screen, None, slot or 0)
     console = PlainConsole()
     console.print(_summary(study, screen, plan))
@@ -204,7 +224,6 @@ def _write_new(out: Path, text: str, cure: str) -> None:
 
 
 app.command()(preview)
-app.command()(script)
 
 
 @app.command()

@@ -45,22 +45,49 @@ app = CommandGroup(
     """,
 )
 
-FolderArgument = Annotated[Path, typer.Argument(help="Folder of built clips.")]
-
 
 app.command()(build)
 
 
 @app.command()
-def check(folder: FolderArgument) -> None:
+def check(
+    folder: Annotated[Path, typer.Argument(help="Folder of built clips.")],
+    clips: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="With --flicker: clips, such as garden__small__metameric; left out: all."
+        ),
+    ] = None,
+    *,
+    flicker: Annotated[
+        bool,
+        typer.Option(
+            help="Look for faults over time instead: flicker inside holes, repeated and black"
+            " frames."
+        ),
+    ] = False,
+) -> None:
     """Hash every file again, and name those that are missing, changed or extra.
 
     Ends with status 1 if there is any, and 2 if the folder holds no finished batch.
 
-    Example: metamerlab stimuli check clips
+    Flicker is how much pixels in holes change from frame to frame, over how much those of the
+    reference change: 1 is as much as the truth. --flicker ends with status 1 on repeated or black
+    frames.
+
+    Examples:
+
+        metamerlab stimuli check clips
+
+        metamerlab stimuli check clips garden__small__metameric --flicker
     """
     from stimuli.check import check_batch
 
+    if flicker:
+        _probe(folder, clips)
+        return
+    if clips:
+        raise StudyError("CLIPS: are for --flicker, as all files are hashed; add it")
     with progress_line("hashing") as report:
         verdict = check_batch(folder, lambda done, total: report(done, total, "hashing"))
     for kind in ("missing", "changed", "extra"):
@@ -72,28 +99,14 @@ def check(folder: FolderArgument) -> None:
         )
         say(f"{folder}: not in order ({counts}); run 'metamerlab stimuli build' again")
         raise typer.Exit(1)
-    clips = len(verdict.manifest.clips)
+    count = len(verdict.manifest.clips)
     say(
-        f"{folder}: in order. {clips} clips, {verdict.frames} frames, manifest"
+        f"{folder}: in order. {count} clips, {verdict.frames} frames, manifest"
         f" {verdict.manifest.sha256[:12]}."
     )
 
 
-@app.command()
-def probe(
-    folder: FolderArgument,
-    clips: Annotated[
-        list[str] | None,
-        typer.Argument(help="Clips, such as garden__small__metameric; left out: all."),
-    ] = None,
-) -> None:
-    """Look for faults over time: flicker inside holes, repeated frames, black frames.
-
-    Flicker is how much pixels in holes change from frame to frame, over how much those of the
-    reference change: 1 is as much as the truth. Ends with status 1 on repeated or black frames.
-
-    Example: metamerlab stimuli probe clips garden__small__metameric
-    """
+def _probe(folder: Path, clips: list[str] | None) -> None:
     from stimuli.probe import probe_batch
 
     with progress_line("reading frames") as report:

@@ -412,7 +412,7 @@ def test_the_commands_build_check_and_probe_it(metamerlab, stills):
     assert built.exit_code == 0, built.output
     assert "4 stills built, 0 kept" in built.stdout
     assert metamerlab("stimuli", "check", stills.clips).exit_code == 0
-    probed = metamerlab("stimuli", "probe", stills.clips)
+    probed = metamerlab("stimuli", "check", stills.clips, "--flicker")
     assert probed.exit_code == 0, probed.output
     refused = metamerlab("stimuli", "score", stills.clips, "--out", stills.folder / "scores")
     assert refused.exit_code == 2

@@ -42,7 +42,8 @@ def rewrite(copy, index, change):
 
 def probe(copy, *names):
     """Run the command; return its status and the row of each clip, by columns."""
-    result = CliRunner().invoke(app, ["probe", str(copy), *names], env={"COLUMNS": "140"})
+    words = ["check", str(copy), *names, "--flicker"]
+    result = CliRunner().invoke(app, words, env={"COLUMNS": "140"})
     rows = {}
     for line in result.stdout.splitlines():
         words = re.split(r"\s{2,}", line.strip())
@@ -111,6 +112,11 @@ def test_holes_that_change_by_hand_give_their_mean_change(copy):
 
 
 def test_an_unknown_clip_is_said(copy):
-    result = CliRunner().invoke(app, ["probe", str(copy), "box__small__telia"])
+    result = CliRunner().invoke(app, ["check", str(copy), "box__small__telia", "--flicker"])
     assert result.exit_code == 2
     assert "did you mean 'box__small__telea'" in result.stderr
+
+
+def test_clips_are_named_for_flicker_alone(copy):
+    result = CliRunner().invoke(app, ["check", str(copy), SOUND])
+    assert (result.exit_code, "are for --flicker" in result.stderr) == (2, True)

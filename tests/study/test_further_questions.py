@@ -341,7 +341,7 @@ def test_a_task_that_cannot_be_run_or_drawn_is_refused_in_one_message(monkeypatc
     [
         ("protocol", "check", "demo"),
         ("protocol", "preview", "demo"),
-        ("protocol", "script", "demo", "--code", "P1"),
+        ("protocol", "show", "demo", "--script", "--code", "P1"),
         ("session", "simulate", "demo", "--out", "sessions", "--participants", "1"),
     ],
 )

@@ -1,4 +1,4 @@
-"""`protocol script`: a participant's plan, and the scripts of its trials."""
+"""`protocol show --script`: a participant's plan, and the scripts of its trials."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from study_app.simulate import SimulatedStudy
 
 def script(*words):
     done = CliRunner().invoke(
-        app, ["protocol", "script", *map(str, words)], catch_exceptions=False,
+        app, ["protocol", "show", "--script", *map(str, words)], catch_exceptions=False,
         env={"COLUMNS": "200"},
     )  # fmt: skip
     return done.exit_code, done.stdout, " ".join(done.stderr.split())
@@ -158,3 +158,8 @@ def test_confidence_is_in_the_script_and_adaptive_trials_are_said_to_have_none(t
     assert code == 0
     assert '"How sure are you?" over guessed, unsure, rather sure, sure' in out
     assert "trials are adaptive, and have a script in the session only" in out
+
+
+def test_options_of_scripts_need_script():
+    done = CliRunner().invoke(app, ["protocol", "show", "demo", "--json"])
+    assert (done.exit_code, done.stderr.endswith("are for --script; add it\n")) == (2, True)

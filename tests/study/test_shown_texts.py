@@ -104,7 +104,7 @@ def test_every_door_refuses_what_the_screen_cannot_show(tmp_path, old, new, said
     path = written(tmp_path, old, new)
     for words in (
         ("protocol", "check", path),
-        ("protocol", "script", path, "--code", "P01"),
+        ("protocol", "show", path, "--script", "--code", "P01"),
         ("protocol", "preview", path, "--out", tmp_path / "page.html"),
         ("session", "simulate", path, "--out", tmp_path / "sessions"),
     ):

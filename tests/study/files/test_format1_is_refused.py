@@ -80,7 +80,7 @@ def test_a_journal_of_format_1_is_refused_in_one_message(refused, sample_session
 
 @pytest.mark.parametrize(
     "words",
-    ["stimuli check clips", "protocol check demo --stimuli clips", "stimuli probe clips"],
+    ["stimuli check clips", "protocol check demo --stimuli clips", "stimuli check clips --flicker"],
 )
 def test_a_manifest_of_format_1_is_refused_in_one_message(refused, words):
     Path("clips").mkdir()

@@ -110,7 +110,7 @@ def test_a_parameter_of_a_method_is_told_too(given, meant):
         (["stimuli", "look", "gardn"], "garden"),
         (["figure", "clips", "--score", "shares"], "share"),
         (["protocol", "copy", "Demo", "x.toml"], "demo"),
-        (["protocol", "script", "demo", "--code", "P1", "--language", "EN"], "en"),
+        (["protocol", "show", "demo", "--script", "--language", "EN"], "en"),
     ],
 )
 def test_an_option_is_told_too(words, meant):

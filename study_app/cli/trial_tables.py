@@ -1,4 +1,4 @@
-"""`metamerlab protocol script`: the trials of a participant as data that any stage can draw."""
+"""Tables of `metamerlab protocol show`: a participant's trials, and their scripts."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import typer
 from rich.table import Table
 
 from protocols.disk.result_folder import whole_folder
+from protocols.display import Display
 from protocols.errors import StudyError, did_you_mean
 from protocols.feasibility import virtual_manifest
-from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import Plan, make_plan
 from protocols.script import (
@@ -29,64 +29,51 @@ from protocols.script import (
     TrialScript,
     Words,
 )
-from study_app.cli.options import DisplayOption, ProtocolArgument, one_of
+from protocols.study_file.schema import StudyProtocol
+from study_app.cli.options import one_of
 from study_app.cli.terminal import PlainConsole, say
 from study_app.session_folders import session_folder
 
 
 @dataclass(frozen=True)
-class PlaceOptions:
-    """A participant, and the place in the counterbalancing."""
+class ScriptOptions:
+    """A participant's plan and scripts, and their form."""
 
-    code: str
-    """The participant's code."""
-    slot: Annotated[int, typer.Option(min=0, max=2**53)] = 0
-    """The counterbalancing slot."""
+    script: bool = False
+    """Print a participant's plan and the scripts of its trials instead: phases, pictures, questions
+    in refreshes and pixels."""
+    code: str = "P01"
+    """With --script: the participant's code."""
+    trial: str | None = None
+    """With --script: trial to print, such as main-0003. Left out: all."""
+    as_json: Annotated[bool, typer.Option("--json")] = False
+    """With --script: print plan and scripts as JSON, for programs."""
+    language: str | None = None
+    """With --script: language of the texts. Default: the study's."""
+    pictures: Path | None = None
+    """With --script: new folder for the pictures, HASH.png; scripts then name the hashes."""
+    stimuli: Path | None = None
+    """With --script: folder of built clips, for their hashes."""
 
 
-def script(
-    protocol: ProtocolArgument,
-    person: PlaceOptions,
-    *,
-    trial: Annotated[
-        str | None, typer.Option(help="Trial to print, such as main-0003. Left out: all.")
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print plan and scripts as JSON, for programs.")
-    ] = False,
-    language: Annotated[
-        str | None, typer.Option(help="Language of the texts. Default: the study's.")
-    ] = None,
-    pictures: Annotated[
-        Path | None,
-        typer.Option(help="New folder for the pictures, HASH.png; scripts then name the hashes."),
-    ] = None,
-    display: DisplayOption = None,
-    stimuli: Annotated[
-        Path | None, typer.Option("--stimuli", help="Folder of built clips, for their hashes.")
-    ] = None,
-) -> None:
-    """Print a participant's plan, and the scripts of its trials: phases, pictures, questions.
+def print_scripts(study: StudyProtocol, screen: Display, slot: int, wanted: ScriptOptions) -> None:
+    """Print the plan of a participant, and what its planned trials show.
 
-    A script counts in refreshes and pixels. What an adaptive trial shows follows from answers, so
-    it has no script before. The formats are those of `protocol schema plan` and `script`.
-
-    Examples:
-
-        metamerlab protocol script demo --code P01 --trial main-0003
-
-        metamerlab protocol script demo --code P01 --slot 2 --json > scripts.json
+    Raises
+    ------
+    StudyError
+        If there is no such participant, trial or language, or the display cannot show the texts.
     """
     # Imported here: it brings fonts and image libraries along.
     from study_app.shown_texts import require_showable
 
-    study, screen = load_study(protocol, display)
-    session_folder(Path(), study, person.code)
-    spoken = study.text.default_language if language is None else language
+    session_folder(Path(), study, wanted.code)
+    spoken = study.text.default_language if wanted.language is None else wanted.language
     one_of("--language", spoken, study.text.languages)
+    stimuli, trial = wanted.stimuli, wanted.trial
     manifest = read_manifest(stimuli) if stimuli else virtual_manifest(study, screen)
     require_showable(study, screen, manifest if stimuli else None)
-    plan = make_plan(study, manifest, person.code, person.slot)
+    plan = make_plan(study, manifest, wanted.code, slot)
     planned = [one for one in plan.trials if trial in (None, one.id)]
     if not planned:
         known = [one.id for one in plan.trials]
@@ -101,12 +88,12 @@ def script(
         )
     compiler = Scripts(study, screen, spoken, manifest)
     scripts = [compiler.of(one) for one in planned if one.stimuli]
-    if pictures is not None:
+    if wanted.pictures is not None:
         from study_app.paint import write_pictures
 
-        with whole_folder(pictures) as folder:
+        with whole_folder(wanted.pictures) as folder:
             scripts = write_pictures(folder, scripts, study, screen)
-    if as_json:
+    if wanted.as_json:
         whole = {
             "plan": plan.model_dump(mode="json"),
             "scripts": [one.model_dump(mode="json") for one in scripts],
