@@ -17,6 +17,8 @@ INSTEAD: Mapping[str, str] = {
         "export with --format bids, or write the tables with 'metamerlab analysis tidy'"
     ),
     ".obj": "export the scene as glTF (.glb), which Blender and trimesh write",
+    "session check-display --luminance": "type peak_cd_m2, black_cd_m2 and gamma into the display"
+    " file by hand (docs/running-a-study.md says how to read them)",
     "--gaze gazepoint": "run Gazepoint's LSL program and name its stream, as --gaze"
     " lsl:GazepointEyeTracker,x=BPOGX,y=BPOGY,unit=norm (docs/trackers.md says what to check)",
     "--gaze pupil": "send gaze on the screen as an LSL stream and name it, as --gaze"

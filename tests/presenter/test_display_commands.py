@@ -1,48 +1,42 @@
-"""check-display with its photometer page, withdraw and watch, as an operator uses them."""
+"""check-display, withdraw and watch, as an operator uses them."""
 
 from __future__ import annotations
 
 import json
 import shutil
-import time
 
 import pytest
+from typer.testing import CliRunner
 
 from protocols.disk.hashing import sha256_file
-from protocols.load import load_display
-from study_app.desktop.luminance import LEVELS
+from study_app.cli import app
 
 
-def test_a_display_is_measured_and_its_typed_readings_give_gamma(screen, make_study, wait):
+def test_a_display_is_measured_and_the_report_says_how(screen, make_study):
     study = make_study()
-    file = study.folder / "little.toml"
-    process = screen.start(
-        "session", "check-display", file, "--luminance", "--software-pacing",
+    done = screen.run(
+        "session", "check-display", study.folder / "little.toml", "--software-pacing",
         "--flips", "60", "--out", study.sessions,
     )  # fmt: skip
-    reports = study.sessions / "display-reports"
-    wait(lambda: reports.is_dir() and list(reports.glob("*.json")), "the report")
-    time.sleep(1.0)
-    for level in LEVELS:
-        reading = f"{0.5 + 99.5 * (level / 255) ** 1.8:.3f}"
-        keys = ["period" if char == "." else char for char in reading]
-        screen.keys("7", "BackSpace", *keys)
-        time.sleep(0.2)
-        screen.keys("Return")
-        time.sleep(0.2)
-    out, err = process.communicate(timeout=30)
 
-    assert process.returncode == 0, err
-    display = load_display(str(file))
-    assert display.gamma == pytest.approx(1.8, abs=0.01)
-    assert (display.peak_cd_m2, display.black_cd_m2) == (100.0, 0.5)
+    assert done.returncode == 0, done.stderr
+    reports = study.sessions / "display-reports"
     (report,) = reports.glob("*.json")
     measured = json.loads(report.read_text())
     assert measured["evidence"] == "software timer"
     assert len(measured["every_interval_s"]) == 59
-    assert str(report) in out
+    assert str(report) in done.stdout
     assert measured["gaze_to_flip"]["frames"] == 240
-    assert "sample to flip: median" in out
+    assert "sample to flip: median" in done.stdout
+
+
+def test_a_photometers_readings_are_typed_into_the_display_file():
+    words = ["session", "check-display", "my-display.toml", "--luminance"]
+    done = CliRunner().invoke(app, words)
+
+    assert done.exit_code == 2
+    said = " ".join(done.stderr.split())
+    assert "session check-display --luminance was removed: type peak_cd_m2" in said
 
 
 def test_a_window_without_opengl_3_3_is_refused_before_anything_is_shown(

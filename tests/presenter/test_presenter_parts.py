@@ -14,11 +14,10 @@ from hypothesis import strategies as st
 from protocols.errors import StudyError
 from protocols.journal import Attempt, Withdrawal
 from protocols.journal_file import read_journal
-from protocols.load import load_display, load_protocol, shipped
+from protocols.load import load_display, load_protocol
 from protocols.script import Dot, Words
 from protocols.viewing import Viewing
 from study_app.desktop.keys import key_name
-from study_app.desktop.luminance import LEVELS, fit_gamma, store_luminance
 from study_app.desktop.monitor import check_mode
 from study_app.desktop.strip import (
     BLOCK_PX,
@@ -208,33 +207,6 @@ def test_the_target_is_bulls_eye_and_cross_hair():
     assert image[0, 0, 3] == 0
     covered = image[..., 3].sum() / 255
     assert covered == pytest.approx(math.pi * 12**2, rel=2e-3)
-
-
-def test_power_law_readings_give_their_gamma_and_land_in_the_display_file(tmp_path):
-    readings = {level: 0.3 + 249.7 * (level / 255) ** 2.2 for level in LEVELS}
-    fit = fit_gamma(readings)
-    assert (fit.peak_cd_m2, fit.black_cd_m2) == (pytest.approx(250.0), 0.3)
-    assert fit.gamma == pytest.approx(2.2, abs=1e-4)
-    path = tmp_path / "mine.toml"
-    text = shipped("displays")["fhd27-60hz"].read_text(encoding="utf-8")
-    path.write_text(text + "gamma = 1.0  # a guess\n", encoding="utf-8")
-
-    mine = tmp_path / "mine.part.toml"
-    mine.write_text("precious")
-
-    display = store_luminance(path, fit)
-
-    assert mine.read_text() == "precious"
-    assert (display.peak_cd_m2, display.gamma) == (
-        pytest.approx(250.0),
-        pytest.approx(2.2, abs=1e-4),
-    )
-    assert load_display(str(path)) == display
-    assert "# a guess" in path.read_text(encoding="utf-8")
-    assert path.read_text(encoding="utf-8").startswith(text.splitlines()[0])
-    for bad in ({0: 1.0, 255: 2.0}, readings | {128: 300.0}, dict.fromkeys(LEVELS, 5.0)):
-        with pytest.raises(StudyError, match="luminance"):
-            fit_gamma(bad)
 
 
 def test_validation_measures_accuracy_and_precision_in_degrees():

@@ -13,7 +13,7 @@ from protocols.errors import StudyError
 from protocols.journal import AnyEvent, Attempt
 from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.latency import LatencySummary
-from protocols.load import load_display, load_study, shipped
+from protocols.load import load_display, load_study
 from protocols.prose import count_of
 from study_app.cli.error_messages import EXIT_USER_ERROR
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
@@ -28,7 +28,6 @@ from study_app.session_folders import SessionFolder
 if TYPE_CHECKING:  # what opens a window is imported when a command runs
     from study_app.conduct import RunOutcome
     from study_app.desktop.display_check import DisplayCheck
-    from study_app.desktop.luminance import LuminanceFit
     from study_app.desktop.window import Window
     from study_app.gaze.source import CalibrationResult
     from study_app.gaze.validation import PointQuality
@@ -143,13 +142,6 @@ def check_display_(
     display: Annotated[str, typer.Argument(help="Display: a name or a .toml file.")],
     out: SessionsOption = Path("sessions"),
     flips: Annotated[int, typer.Option(min=60, help="Flips to measure.")] = 1200,
-    luminance: Annotated[
-        bool,
-        typer.Option(
-            help="Show grey patches for a photometer; the readings give gamma and peak, which are"
-            " written into the display file."
-        ),
-    ] = False,
     software_pacing: PacingOption = False,
 ) -> None:
     """Measure a display: rate, intervals, missed refreshes, evidence, latency of the program.
@@ -158,37 +150,23 @@ def check_display_(
     of sessions. Ends with status 2 if most flips missed a refresh.
     A session measures again before it begins.
 
-    Example: metamerlab session check-display my-display.toml --luminance
+    Example: metamerlab session check-display my-display.toml
     """
     from study_app.desktop.display_check import check_display, shortfall, verdict, write_report
-    from study_app.desktop.luminance import fit_gamma, store_luminance
-    from study_app.desktop.luminance_page import read_patches
     from study_app.desktop.window import Window
     from study_app.recorder import utc_now
 
     described = load_display(display)
-    if luminance and (not display.endswith(".toml") or Path(display) in shipped_paths()):
-        raise StudyError(
-            f"{display}: the readings are written into your own display file; copy"
-            f" {shipped('displays').get(display, display)} to my-display.toml, and give that"
-        )
     with Window(described, pacing="software" if software_pacing else "vsync") as window:
         # No progress bar: its thread would disturb what is measured.
         say(f"measuring {flips} flips ({flips / described.refresh_hz:.0f} s) ...")
         check = check_display(window, utc_now, flips)
         check = check.model_copy(update={"gaze_to_flip": _own_latency(window)})
         report = write_report(out, check)
-        readings = read_patches(window) if luminance and not shortfall(check) else {}
     print_rows(verdict(check, described))
     say(f"report: {out / report.file}")
     if late := shortfall(check):
         raise StudyError(late)
-    if readings is None:
-        raise StudyError("luminance: stopped before the last reading; nothing was stored")
-    if readings:
-        fit = fit_gamma(readings)
-        store_luminance(Path(display), fit)
-        _print_fit(fit, display)
 
 
 def _own_latency(window: Window) -> LatencySummary:
@@ -214,11 +192,6 @@ def register(app: typer.Typer) -> None:
     archive_commands.register(app)
     app.command("export-web")(web_commands.export_web)
     app.command("import-web")(web_commands.import_web)
-
-
-def shipped_paths() -> list[Path]:
-    """Return the display files that come with metamerlab."""
-    return list(shipped("displays").values())
 
 
 def _listener() -> Listener:
@@ -277,11 +250,3 @@ def _tell(outcome: RunOutcome, options: SessionOptions) -> None:
             file=sys.stderr,
         )
         raise typer.Exit(EXIT_USER_ERROR)
-
-
-def _print_fit(fit: LuminanceFit, display: str) -> None:
-    say(
-        f"luminance: peak {fit.peak_cd_m2:g}, black {fit.black_cd_m2:g} cd/m2, gamma"
-        f" {fit.gamma:.3f} (worst reading {100 * fit.worst_share:.1f} % of the peak off);"
-        f" written into {display}"
-    )
