@@ -38,6 +38,7 @@ INSTEAD: Mapping[str, str] = {
     "session verify --identity": "decrypt the archive by 'age --decrypt --identity key.txt --output"
     " backup.zip backup.zip.age', and verify backup.zip",
     "stimuli probe": "use 'metamerlab stimuli check CLIPS --flicker'",
+    "denoise train": "use the networks that come along, as 'metamerlab denoise run' does",
 }
 """Words that name a removed part, as a user writes them, and what to do instead.
 

@@ -36,7 +36,7 @@ LIMITS: Final = {
     "memory": Limit(
         1 << 30,
         "bytes of memory that a command takes for a picture or a mesh; bytes of an ONNX network"
-        " with its weights, of a checkpoint",
+        " with its weights",
     ),
     "seconds": Limit(20, "seconds that a command takes for a picture"),
     "unpacked": Limit(2_000_000_000, "bytes in an archive"),

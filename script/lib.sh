@@ -11,7 +11,7 @@ set -euo pipefail
 ROOT=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 VENV="$ROOT/.venv"
 LOCK="$ROOT/requirements.lock"
-EXTRAS="metrics metamers denoise docs" # requirements-NAME.txt each, with torch also .lock
+EXTRAS="metrics metamers denoise docs" # requirements-NAME.txt and .lock; without torch one of them
 ASKED_EXTRA=""                          # script/setup --NAME, script/docs
 MINIMUM_PYTHON=3.11
 
@@ -233,11 +233,14 @@ pins_of() { awk '/^[A-Za-z0-9]/ { sub(/ *\\$/, ""); print }' "$1"; }
 install_extra() {
     local name=$1 locked="$VENV/metamerlab-locked.txt"
     pins_of "$LOCK" >"$locked"
-    say "Installing the extra $name (torch: some 200 MB, several GB with CUDA)"
+    local size="torch: some 200 MB, several GB with CUDA"
+    [[ -f $ROOT/requirements-$name.txt ]] || size="Mitsuba: 200 MB"
+    say "Installing the extra $name ($size)"
     quietly pip_here install --no-user --no-compile --prefer-binary --require-hashes --no-deps \
         -r "$ROOT/requirements-$name.lock"
-    quietly pip_here install --no-user --no-compile --prefer-binary --constraint "$locked" \
-        -r "$ROOT/requirements-$name.txt"
+    [[ ! -f $ROOT/requirements-$name.txt ]] ||
+        quietly pip_here install --no-user --no-compile --prefer-binary --constraint "$locked" \
+            -r "$ROOT/requirements-$name.txt"
     wanted_extra_stamp "$name" >"$VENV/metamerlab-$name.new"
     mv -- "$VENV/metamerlab-$name.new" "$VENV/metamerlab-$name"
 }

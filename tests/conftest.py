@@ -73,7 +73,6 @@ LONGEST = (
     "tests/stats/test_analysis_cli.py",
     "tests/product/test_own_photographs.py",
     "tests/product/test_reproducibility_page.py",
-    "tests/denoising/test_denoising_training.py",
 )
 JAX_SEEN: list[bool] = []
 WAITING = ("tests/presenter/", "tests/web/")

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
@@ -41,7 +41,7 @@ LOD_SCALE, MAPS_SCALE = 8.0, 1 / 8
 MULTIPLE_PX = 8
 """Pictures are padded to a multiple of this: the network halves three times."""
 FACTS_KEY = "metamerlab.denoise"
-_CURE = "make one with: metamerlab denoise train"
+_CURE = "version 0.3 made them, with: metamerlab denoise train"
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,9 @@ class NetworkFacts:
         if not isinstance(self.made, Mapping):
             raise InputError(f"made must be a table (got {type(self.made).__name__})")
 
-    def to_json(self) -> str:
-        """Text of a file, JSON."""
-        return json.dumps({"version": 2, **asdict(self)}, sort_keys=True)
-
     @classmethod
     def from_json(cls, text: str) -> NetworkFacts:
-        """Read what `to_json` wrote.
+        """Read the facts in a file's metadata.
 
         Raises
         ------

@@ -49,11 +49,6 @@ class Sampling:
                 f" (got {self.near_deg} and {self.far_deg})"
             )
 
-    @property
-    def most(self) -> int:
-        """Samples at the gaze."""
-        return 1 << self.halvings
-
     def exponents(self, geometry: Geometry, gaze_px: tuple[float, float]) -> NDArray[np.intp]:
         """Powers of two, from 0 to `halvings`: (H, W)."""
         away_deg = eccentricity_deg(geometry, gaze_px, *pixel_centres(geometry))

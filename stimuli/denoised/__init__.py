@@ -1,1 +1,1 @@
-"""Denoising for a gaze: path-traced training pictures, the networks' training, whole files."""
+"""Denoising for a gaze: path-traced pictures, and whole files."""

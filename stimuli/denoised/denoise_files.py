@@ -12,14 +12,19 @@ from numpy.typing import NDArray
 from pipeline.denoising.gpu import DenoisePass
 from pipeline.denoising.maps import metamer_of
 from pipeline.denoising.network import DenoisingNetwork, Kind, NetworkFacts, shipped_network
-from pipeline.denoising.samples import Sampling
+from pipeline.denoising.samples import Sampling, composed
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.lod import Pools
 from pipeline.foveation.noise_plane import check_seed
 from stimuli import pictures
-from stimuli.denoised.path_traced import PathTracer
-from stimuli.denoised.training_pictures import SCENE_SEED, Rendering, SceneView, render_pair
+from stimuli.denoised.path_traced import (
+    SCENE_SEED,
+    PathTracer,
+    Rendering,
+    SceneView,
+    render_pair,
+)
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.foveated.gaze_and_display import StatedViewing, gaze_words, look_at, read_gaze
@@ -50,7 +55,7 @@ def open_network(name: str) -> DenoisingNetwork:
     if not name.lower().endswith(".onnx"):
         raise InputError(
             f"--network must be {' or '.join(NETWORKS)}, which come with metamerlab, or an .onnx"
-            f" file that 'metamerlab denoise train' made (got {name!r})"
+            f" file that 'metamerlab denoise train' of version 0.3 made (got {name!r})"
         )
     return DenoisingNetwork(Path(name))
 
@@ -231,10 +236,11 @@ def render_scene(
     looking = look_at((edge, edge))
     gaze_px = read_gaze(gaze, looking.geometry)
     world = build_scene(scene, SCENE_SEED)
-    pair = render_pair(PathTracer(world), world, seen, rendering)
+    renders, true = render_pair(PathTracer(world), world, seen, rendering)
     counts = sampling.counts(looking.geometry, gaze_px)
+    noisy = composed(renders, sampling.exponents(looking.geometry, gaze_px))
     out.parent.mkdir(parents=True, exist_ok=True)
-    save_colour(out, pair.noisy(sampling, gaze_px))
+    save_colour(out, noisy)
     tell(gaze_words(gaze_px, looking.geometry))
     tell(
         f"wrote {out}: {edge} x {edge} px, {counts.min()} to {counts.max()} samples a pixel,"
@@ -242,7 +248,7 @@ def render_scene(
     )
     if clean is not None:
         clean.parent.mkdir(parents=True, exist_ok=True)
-        save_colour(clean, pair.clean)
+        save_colour(clean, true)
         tell(f"wrote {clean}: {rendering.clean_samples} samples a pixel")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -20,7 +19,7 @@ from study_app.cli.pictures.one_picture_options import (
     check_file,
     renderer,
 )
-from study_app.cli.progress import ProgressLines, going_on
+from study_app.cli.progress import ProgressLines
 from study_app.cli.terminal import PlainConsole
 
 app = CommandGroup(
@@ -28,7 +27,7 @@ app = CommandGroup(
 
     A network predicts the statistics of the clean picture, and noise with these statistics is
     added. Another network predicts the picture itself, for comparison. Both come with metamerlab
-    and need the extra onnx. Rendering noisy pictures and training need the extra denoise.
+    and need the extra onnx. Rendering noisy pictures needs the extra denoise.
 
     Examples:
 
@@ -57,7 +56,7 @@ def run(
         ),
     ] = None,
     network: Annotated[
-        str, typer.Option(help="moments, rgb, or an .onnx file that train made.")
+        str, typer.Option(help="moments, rgb, or an .onnx file that train of version 0.3 made.")
     ] = "moments",
     *,
     seen: PictureViewing,
@@ -128,7 +127,7 @@ def render(
         metamerlab denoise render shed --view 3 --clean clean.png --clean-samples 256
     """
     from stimuli.denoised.denoise_files import render_scene
-    from stimuli.denoised.training_pictures import Rendering
+    from stimuli.denoised.path_traced import Rendering
 
     check_file(out, FILE_ENDINGS)
     if clean is not None:
@@ -137,68 +136,5 @@ def render(
     with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
         render_scene(
             scene, out, gaze=gaze, view=view, clean=clean, rendering=rendering,
-            reporter=teller.reporter,
-        )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class TrainingOptions:
-    """Pictures that networks are trained on, for how long, and files that are written."""
-
-    scene: Annotated[list[str] | None, typer.Option(show_default=False)] = None
-    r"""A built-in scene to train on; may be given more than once. \[default: colonnade, garden,
-    shed]"""
-    out: Path = Path("denoise.onnx")
-    """The network for moments, .onnx; the one for colour goes to NAME-rgb."""
-    work: Path = Path("denoise-work")
-    """Folder for pictures and checkpoints; what it holds is used."""
-    views: Annotated[int, typer.Option(min=1)] = 3
-    """Cameras in each scene."""
-    steps: Annotated[int, typer.Option(min=1)] = 1200
-    """Training steps."""
-    crop_px: int = 96
-    """Edge of a crop, a multiple of 8."""
-    size_px: int = 256
-    """Edge of the pictures, a multiple of 8."""
-    clean_samples: Annotated[int, typer.Option(min=1)] = 128
-    """Samples per clean pixel."""
-    seed: Annotated[int, typer.Option(min=0)] = 1
-    """Seed of gazes, crops, weights."""
-    estimate: bool = False
-    """Print the time that it takes, then stop."""
-
-
-@app.command()
-def train(asked: TrainingOptions) -> None:
-    """Render noisy and clean pictures, train two networks on them, and write both.
-
-    The command first says how long it takes. After an interruption the same command continues. It
-    needs torch, Mitsuba 3 and onnx, all in the extra denoise.
-
-    Examples:
-
-        metamerlab denoise train --estimate
-
-        metamerlab denoise train --scene colonnade --scene street --steps 3000 --out mine.onnx
-
-        metamerlab denoise run noisy.png --gaze 128,128 --network mine.onnx
-    """
-    from pipeline.errors import InputError
-    from stimuli.denoised.train import Training
-    from stimuli.denoised.train import train as train_networks
-    from stimuli.denoised.training_pictures import Rendering
-
-    check_file(asked.out, (".onnx",))
-    check_folder(asked.work)
-    if asked.out.stem.endswith("-rgb"):
-        raise InputError(f"{asked.out}: must not end in -rgb, as the network for colour does")
-    training = Training(
-        tuple(asked.scene) if asked.scene else Training().scenes, asked.views, steps=asked.steps,
-        crop_px=asked.crop_px, seed=asked.seed,
-        rendering=Rendering(asked.size_px, asked.clean_samples),
-    )  # fmt: skip
-    with going_on(), ProgressLines(PlainConsole(soft_wrap=True)) as teller:
-        train_networks(
-            training, asked.out, asked.work, estimate_only=asked.estimate,
             reporter=teller.reporter,
         )  # fmt: skip

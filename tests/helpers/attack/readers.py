@@ -22,6 +22,7 @@ import pandas as pd
 import trimesh
 from attack import mutations
 from attack.mutations import Shape
+from denoising_networks import to_onnx
 from number_files import load_plane, write_flo
 from PIL import Image
 from pydantic import BaseModel
@@ -48,7 +49,6 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, load_toml, shipped
 from protocols.manifest import read_manifest, write_manifest
 from protocols.recipes.files import read_table as read_stimuli
-from stimuli.denoised.unet import to_onnx
 from stimuli.exr import load_colour, load_warp_input
 from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.media.exr_parts import read_parts

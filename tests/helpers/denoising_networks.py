@@ -1,16 +1,17 @@
-"""The U-net: eight convolutions of 3x3, 64 activations, residual links; in torch and as ONNX.
+"""The U-net as ONNX: eight convolutions of 3x3, 64 activations, residual links.
 
 Beyond Blur (Walton et al. 2021), section 5.3, after Ronneberger, Fischer and Brox 2015, "U-Net":
 three halvings by the greatest of 2x2, three doublings by repetition, and the way down added to the
 way up. The networks for moments and for colour differ in the last layer's channels alone.
 
-`weights` are pairs (kernel, bias), kernels of shape (out, in, 3, 3). `forward` needs torch,
-`to_onnx` needs onnx: both are of the extra `denoise`.
+`weights` are pairs (kernel, bias), kernels of shape (out, in, 3, 3).
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ from pipeline.denoising.network import FACTS_KEY, VALUES, Kind, NetworkFacts, in
 
 Array = NDArray[np.float32]
 Weights = list[tuple[Array, Array]]
-Tensor = Any  # torch may be absent
 
 ACTIVATIONS = 64
 LAYERS = 8
@@ -47,52 +47,9 @@ def first_weights(kind: Kind, levels: int, seed: int) -> Weights:
     return found
 
 
-def forward(weights: Sequence[tuple[Tensor, Tensor]], fed: Tensor) -> tuple[Tensor, Tensor | None]:
-    """Run the network in torch.
-
-    Parameters
-    ----------
-    fed : tensor of shape (N, C, H, W)
-        See `seen_by`; H and W multiples of 8.
-
-    Returns
-    -------
-    base : tensor of shape (N, 3, H, W)
-    maps : tensor of shape (N, 5 * levels, H / 4, W / 4), or None
-        Of a network for moments: the mean over blocks.
-    """
-    from torch.nn import functional
-
-    def layer(index: int, values: Tensor) -> Tensor:
-        kernel, bias = weights[index]
-        return functional.conv2d(values, kernel, bias, padding=1)
-
-    def active(index: int, values: Tensor) -> Tensor:
-        return functional.relu(layer(index, values))
-
-    def half(values: Tensor) -> Tensor:
-        return functional.max_pool2d(values, 2)
-
-    def twice(values: Tensor) -> Tensor:
-        return functional.interpolate(values, scale_factor=2, mode="nearest")
-
-    down = [active(0, fed)]
-    for index in (1, 2, 3):
-        down.append(active(index, half(down[-1])))
-    up = down[3]
-    for index in (4, 5, 6):
-        up = active(index, twice(up) + down[6 - index])
-    out = layer(7, up)
-    if out.shape[1] == COLOURS:
-        return out, None
-    return out[:, :COLOURS], functional.avg_pool2d(out[:, COLOURS:], BLOCK_PX)
-
-
-def scaled(weights: Weights, deviation: Array, mean: Array) -> Weights:
-    """Let the last layer give values instead of values in deviations from their mean."""
-    kernel, bias = weights[-1]
-    last = (kernel * deviation[:, None, None, None], bias * deviation + mean)
-    return [*weights[:-1], (last[0].astype(np.float32), last[1].astype(np.float32))]
+def as_json(facts: NetworkFacts) -> str:
+    """Text of a file's metadata."""
+    return json.dumps({"version": 2, **asdict(facts)}, sort_keys=True)
 
 
 def to_onnx(weights: Weights, facts: NetworkFacts) -> bytes:
@@ -151,5 +108,5 @@ def to_onnx(weights: Weights, facts: NetworkFacts) -> bytes:
         graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="metamerlab"
     )
     model.ir_version = 8
-    helper.set_model_props(model, {FACTS_KEY: facts.to_json()})
+    helper.set_model_props(model, {FACTS_KEY: as_json(facts)})
     return bytes(model.SerializeToString(deterministic=True))
