@@ -13,6 +13,7 @@ import scipy
 
 from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
 from analysis.arrays import Bools, Floats
+from analysis.models.numeric import ROUNDING
 from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, computed
 from analysis.parts.added import with_added
 from analysis.plots import power_plot
@@ -453,7 +454,7 @@ def thinned(people: Sequence[int], planned: int | None) -> tuple[int, ...]:
 def first_reaching(participants: Sequence[int], curve: Floats, goal: float) -> int | None:
     """Return the smallest number from which the smoothed, rising curve stays above `goal`."""
     rising = scipy.optimize.isotonic_regression(curve).x
-    above = np.nonzero(rising >= goal)[0]
+    above = np.nonzero(rising >= goal - ROUNDING)[0]
     return int(participants[above[0]]) if above.size else None
 
 

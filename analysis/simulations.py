@@ -14,6 +14,7 @@ from scipy.special import expit, ndtr, ndtri
 from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
 from analysis.arrays import Floats
 from analysis.models.compared_methods import as_numbers
+from analysis.models.numeric import ROUNDING
 from analysis.models.psychometric import sigmoid
 from analysis.parts import AnyPart
 from analysis.pilot import (
@@ -429,7 +430,8 @@ class Tracks(_Conditions[RatePlan]):
                 history.append((level, right))
                 share = chance(place, candidates)
                 likelihood += np.log(share if right else 1.0 - share)
-            errors.append(float(candidates[int(np.argmax(likelihood))]) - true)
+            best = np.argmax(likelihood >= likelihood.max() - ROUNDING)
+            errors.append(float(candidates[best]) - true)
         return np.array(errors) / float(np.sqrt(self._averaged))
 
     def table(self, _answers: SimulatedAnswers) -> pd.DataFrame:

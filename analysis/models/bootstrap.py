@@ -9,6 +9,7 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from analysis.arrays import Floats, Ints
 from analysis.models.clustered import holm, least_p
+from analysis.models.numeric import zeroed
 from analysis.models.paired.paired_counts import Model, fit_scores, pair_index
 from protocols.prose import count_of
 
@@ -174,8 +175,10 @@ def bootstrap_scale(
 def difference_limits(drawn: Floats, clusters: int, level: float) -> tuple[Floats, Floats, Floats]:
     """Return expanded percentile limits and p of drawn differences (samples, differences).
 
-    Limits hold 0 exactly where p does not reach 1 - level.
+    Limits hold 0 exactly where p does not reach 1 - level. Differences are of order 1, in standard
+    deviations or logits.
     """
+    drawn = zeroed(drawn)
     tail = expanded_tail(level, clusters)
     lower, upper = np.quantile(drawn, [tail, 1.0 - tail], axis=0)
     p = _difference_p(drawn, clusters)
@@ -197,7 +200,8 @@ def _difference_p(drawn: Floats, participants: int) -> Floats:
     Notes
     -----
     The area of draws beyond 0, found on the same line between order statistics that gives the
-    limits, becomes the p of a t that `expanded_tail` would turn into it. Where 0 lies outside all
+    limits, becomes the p of a t that `expanded_tail` would turn into it. Draws that are 0 lie half
+    below it, half above: 0 is in the middle of them. Where 0 lies outside all
     draws the normal law goes on from the outermost one, at the draws' own deviation. No p is
     below that of unanimous participants.
     """
@@ -215,7 +219,8 @@ def _difference_p(drawn: Floats, participants: int) -> Floats:
         if column[0] > 0.0 or column[-1] < 0.0:
             z = edge - min(abs(column[0]), abs(column[-1])) / deviation
         else:
-            below = float(np.interp(0.0, column, place))
+            low, high = (int(np.searchsorted(column, 0.0, side)) for side in ("left", "right"))
+            below = float(place[low:high].mean() if low < high else np.interp(0.0, column, place))
             z = max(edge, float(ndtri(min(max(below, 1e-12), 1.0 - 1e-12))))
             above = max(edge, float(ndtri(max(1.0 - below, 1e-12))))
             z = min(z, above)

@@ -8,7 +8,8 @@ from itertools import combinations
 import numpy as np
 
 from analysis.arrays import Floats, Ints
-from analysis.models.clustered import held_p, holm, two_way_df, weighted_df
+from analysis.models.clustered import held_p, holm, least_p, two_way_df, weighted_df
+from analysis.models.numeric import ROUNDING, zeroed
 from analysis.models.tails import two_sided_p, two_sided_quantile
 from protocols.errors import StudyError
 from protocols.limits import FIXED
@@ -282,10 +283,42 @@ def _compared(
     measure: str, pairs: Sequence[Pair], gap: Floats, error: Floats, df: Floats, level: float
 ) -> list[Difference]:
     reach = two_sided_quantile(level, df) * error
-    p = two_sided_p(gap / np.maximum(error, 1e-12), df)
+    p = two_sided_p(zeroed(gap, 1e-3) / np.maximum(error, 1e-12), df)
     adjusted = holm(p) if p.size else p
     levels = np.full(p.size, level)
     table = np.column_stack([gap, error, gap - reach, gap + reach, levels, df, p, adjusted])
     return [
         Difference(measure, *pair, *row) for pair, row in zip(pairs, table.tolist(), strict=True)
     ]
+
+
+def crossed_means_p(gap: Floats) -> Floats:
+    """Return p of mean differences (studies, participants, scenes), both of them random.
+
+    Near the likelihood ratio that decides in a mixed model, in closed form: variances as maximum
+    likelihood has them; of the mean of n numbers the ratio is n log(1 + t^2 / n), where n is of
+    those, people or scenes, that are more. Its root is judged by t, with degrees of freedom as
+    `CrossedDesign`. Scenes that lack a condition are NaN, and left out. Where all numbers agree, p
+    is 1 at 0, and else the least that so many people can show. Differences are of order 1.
+    """
+    gap = zeroed(gap)
+    both = ~np.isnan(gap).any(axis=(0, 1))
+    gap = gap[..., both] if both.any() else np.nanmean(gap, axis=-1, keepdims=True)
+    people, scenes = gap.shape[1:]
+    mean = gap.mean(axis=(1, 2), keepdims=True)
+    person, scene = gap.mean(axis=2, keepdims=True) - mean, gap.mean(axis=1, keepdims=True) - mean
+    free = people - 1.0, max(scenes - 1.0, 1.0)
+    rest = ((gap - mean - person - scene) ** 2).mean(axis=(1, 2)) / np.prod(free)
+    own = [
+        np.maximum((one**2).mean(axis=(1, 2)) / count - rest, 0.0)
+        for one, count in zip((person, scene), (people, scenes), strict=True)
+    ]
+    df = two_way_df(
+        [own[0] + rest, own[1] + 0.5 * rest], [np.array(people - 1.0), np.array(scenes - 1.0)]
+    )
+    error = np.sqrt(own[0] + own[1] + rest)
+    agree = error <= ROUNDING
+    count, middle = float(max(people, scenes)), mean[:, 0, 0]
+    ratio = count * np.log1p((middle / np.where(agree, 1.0, error)) ** 2 / count)
+    alike = np.where(np.abs(middle) <= ROUNDING, 1.0, least_p(people))
+    return np.where(agree, alike, two_sided_p(np.sqrt(ratio), np.where(agree, 1.0, df)))

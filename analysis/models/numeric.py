@@ -1,4 +1,4 @@
-"""Numerical derivatives, for standard errors where no formula is at hand."""
+"""Numbers that rounding must not move, and numerical derivatives where no formula is at hand."""
 
 from collections.abc import Callable
 
@@ -6,8 +6,26 @@ import numpy as np
 
 from analysis.arrays import Floats
 
+ROUNDING = 1e-9
+"""Numbers of order 1 that differ by less are the same: processors round otherwise."""
+
 STEP = 1e-4
 """Of differences, relative to a value above 1."""
+
+
+def zeroed(values: Floats, scale: float = 1.0) -> Floats:
+    """Return values of the order of `scale`; those that only rounding keeps from 0 are 0."""
+    return np.where(np.abs(values) <= ROUNDING * scale, 0.0, values)
+
+
+def tied(values: Floats) -> Floats:
+    """Return values of order 1 (n,); those that only rounding tells apart are one."""
+    order = np.argsort(values, kind="stable")
+    ranked = values[order]
+    new = np.diff(ranked, prepend=-np.inf) > ROUNDING
+    same = np.empty_like(ranked)
+    same[order] = ranked[new][np.cumsum(new) - 1]
+    return same
 
 
 def numeric_hessian(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.arrays import Floats
+from analysis.models.numeric import ROUNDING
 from analysis.models.paired.paired_counts import (
     JOD_SIGMA,
     Model,
@@ -110,14 +111,14 @@ def check_observers(
         return _judged(clean, shown, conditions, model)
 
     largest = _apart(simulated(spread, scores)[0]).max(axis=-1)
-    p = (1 + (largest[:, None] >= distance).sum(axis=0)) / (studies + 1)
+    p = (1 + (largest[:, None] >= distance - ROUNDING).sum(axis=0)) / (studies + 1)
     reversed_p = np.ones(count)
-    if float(agreement.min()) < 0.0:
+    if float(agreement.min()) < -ROUNDING:
         # Who answers the other way round must not set how much people differ.
-        others = np.arange(count) != agreement.argmin()
+        others = np.arange(count) != np.argmax(agreement <= agreement.min() + ROUNDING)
         rest = _matched_spread(won[others], shown[others], conditions, model, rng)
         least = simulated(*rest)[1].min(axis=-1)
-        reversed_p = (1 + (least[:, None] <= agreement).sum(axis=0)) / (studies + 1)
+        reversed_p = (1 + (least[:, None] <= agreement + ROUNDING).sum(axis=0)) / (studies + 1)
     return ObserverCheck(
         observers=names,
         distance=distance,

@@ -8,6 +8,7 @@ import scipy
 
 from analysis.arrays import Floats
 from analysis.models.clustered import participant_t, sign_flip_p
+from analysis.models.numeric import ROUNDING, tied
 from analysis.models.tails import two_sided_quantile
 
 
@@ -112,11 +113,13 @@ def trend(
         changes.append(float(place @ (y - y.mean()) / (place @ place)))
     drift = np.array(changes)
     notes = []
-    if len(value) < 3 or np.ptp(value) == 0 or np.ptp(order) == 0:
+    if len(value) < 3 or np.ptp(value) <= ROUNDING or np.ptp(order) == 0:
         rho, rho_p = np.nan, np.nan
         notes.append("all values are equal, or too few: no rank correlation")
     else:
-        rho, rho_p = map(float, scipy.stats.spearmanr(order, value))
+        rho, rho_p = map(
+            float, scipy.stats.spearmanr(order, tied(value.to_numpy(dtype=np.float64)))
+        )
     if drift.size < 2:
         notes.append("fewer than two participants with three trials: no test between participants")
         mean = float(drift[0]) if drift.size else np.nan

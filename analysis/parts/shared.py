@@ -9,13 +9,12 @@ import pandas as pd
 
 from analysis.answers import SimulatedAnswers
 from analysis.arrays import Floats
-from analysis.models.clustered import holm, two_way_df
-from analysis.models.contrasts import Difference, pairs_of
+from analysis.models.clustered import holm
+from analysis.models.contrasts import Difference, crossed_means_p, pairs_of
 from analysis.models.detection import Measure
 from analysis.models.mixed.reaction_model import TimeRatio
 from analysis.models.ordinal import RatingDifference
 from analysis.models.right_answers import Rate
-from analysis.models.tails import two_sided_p
 from analysis.parts import AnalysisPlan, Estimate
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
@@ -240,36 +239,8 @@ def mean_differences_p(
         means[name] = np.where(shown > 0, total / np.maximum(shown, 1.0), np.nan)
     pairs = pairs_in(scored.cells, plan)
     each = [
-        [_difference_p((means[one] - means[other])[:, :count]) for one, other in pairs]
+        [crossed_means_p((means[one] - means[other])[:, :count]) for one, other in pairs]
         for count in people
     ]
     p = np.moveaxis(np.array(each), -1, 0)
     return holm(p) if holms else p
-
-
-def _difference_p(gap: Floats) -> Floats:
-    """Return p of mean differences (studies, participants, scenes), both of them random.
-
-    Near the likelihood ratio that decides in a mixed model, in closed form: variances as maximum
-    likelihood has them; of the mean of n numbers the ratio is n log(1 + t^2 / n), where n is of
-    those, people or scenes, that are more. Its root is judged by t, with degrees of freedom as
-    `contrasts.CrossedDesign`. Scenes that lack a condition are NaN, and left out.
-    """
-    both = ~np.isnan(gap).any(axis=(0, 1))
-    gap = gap[..., both] if both.any() else np.nanmean(gap, axis=-1, keepdims=True)
-    people, scenes = gap.shape[1:]
-    mean = gap.mean(axis=(1, 2), keepdims=True)
-    person, scene = gap.mean(axis=2, keepdims=True) - mean, gap.mean(axis=1, keepdims=True) - mean
-    free = people - 1.0, max(scenes - 1.0, 1.0)
-    rest = ((gap - mean - person - scene) ** 2).mean(axis=(1, 2)) / np.prod(free)
-    own = [
-        np.maximum((one**2).mean(axis=(1, 2)) / count - rest, 0.0)
-        for one, count in zip((person, scene), (people, scenes), strict=True)
-    ]
-    df = two_way_df(
-        [own[0] + rest, own[1] + 0.5 * rest], [np.array(people - 1.0), np.array(scenes - 1.0)]
-    )
-    error = np.sqrt(np.maximum(own[0] + own[1] + rest, 1e-300))
-    count = float(max(people, scenes))
-    ratio = count * np.log1p((mean[:, 0, 0] / error) ** 2 / count)
-    return two_sided_p(np.sqrt(ratio), df)

@@ -35,7 +35,8 @@ def jod_plot(
         shape = (len(scales), 1) if stacked else (1, len(scales))
         panels = figure.subplots(*shape, sharex=True, squeeze=False)
         for axes, (name, (scale, limits)) in zip(panels.ravel(), scales.items(), strict=True):
-            order = sorted(range(len(scale.conditions)), key=lambda i: -scale.scores[i])
+            ranked = [-round(float(score), 9) for score in scale.scores]
+            order = sorted(range(len(ranked)), key=ranked.__getitem__)
             for y, index in enumerate(order):
                 none = (np.nan, np.nan)
                 ends = none if limits is None else (limits.lower[index], limits.upper[index])

@@ -15,6 +15,7 @@ from analysis.arrays import Floats
 from analysis.models.clustered import holm
 from analysis.models.contrasts import pairs_of
 from analysis.models.curves.response import axis_of
+from analysis.models.numeric import ROUNDING, zeroed
 from analysis.models.psychometric import TWO_ALTERNATIVES, CurveForm
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE, sigmoid
@@ -73,8 +74,8 @@ class Marginal:
 
     @property
     def mode(self) -> float:
-        """Return the value of the highest density."""
-        return float(self.values[np.argmax(self.density)])
+        """Return the value of the highest density, the first where it is level."""
+        return float(self.values[np.argmax(self.density >= (1.0 - ROUNDING) * self.density.max())])
 
     def quantile(self, share: Floats | float) -> Floats:
         """Return the place where the distribution function reaches `share`."""
@@ -333,7 +334,8 @@ def compare_thresholds(
     tails = np.array([0.5, 0.5 - 0.5 * level, 0.5 + 0.5 * level])
     rows = []
     for first, second in pairs:
-        gap = np.sort((values[first][:, None] - values[second][None, :]).ravel())
+        largest = float(max(np.abs(values[name]).max() for name in (first, second)))
+        gap = zeroed((values[first][:, None] - values[second][None, :]).ravel(), largest)
         larger = float(np.mean(gap > 0) + 0.5 * np.mean(gap == 0))
         middle, lower, upper = (float(v) for v in np.quantile(gap, tails))
         # The values stand for PARTS^2 pairs: no tail is known better than that.

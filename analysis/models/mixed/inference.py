@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.models.numeric import ROUNDING
+
 
 @dataclass(frozen=True)
 class Draws:
@@ -33,7 +35,7 @@ class Draws:
         if math.isnan(observed):
             return math.nan
         drawn = [ratio(self.rng) for _ in range(self.count)]
-        larger = sum(not one < observed for one in drawn)
+        larger = sum(not one < observed - ROUNDING for one in drawn)
         return (1.0 + larger) / (1.0 + self.count)
 
 

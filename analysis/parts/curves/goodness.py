@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.models.curves.goodness_of_fit import Misfit, curve_misfits, misfits
+from analysis.models.numeric import ROUNDING
 from analysis.models.trends import Course, Trend, course, trend
 from analysis.parts import Part, PartFigure, Presentation
 from analysis.parts.levels import SECTION, Curves, figure_axes, section_title
@@ -227,5 +228,5 @@ def _largest(one: Misfit) -> str:
     """Return the residual that is least like the simulated ones, and at which level."""
     half = 0.5 * (np.array(one.upper) - np.array(one.lower))
     away = np.abs(np.array(one.residuals)) / np.maximum(half, 1e-9)
-    k = int(np.argmax(away))
+    k = int(np.argmax(away >= away.max() - ROUNDING))
     return f"{number(one.residuals[k])} at {size(one.levels[k])}"
