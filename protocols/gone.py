@@ -32,9 +32,8 @@ INSTEAD: Mapping[str, str] = {
     " backup.zip.age backup.zip'",
     "session restore": "unzip the archive with any program, and prove the folder with 'metamerlab"
     " session verify'",
-    "session simulate --web": "open the exported page in a browser by hand, with"
-    " '?slot=0&simulated' (docs/web.md, step 5); without --web, artificial observers run on a"
-    " virtual display",
+    "session simulate --web": "open the exported page by hand, with '?slot=0&simulated' in its link"
+    " (docs/web.md, step 5)",
     "session verify --identity": "decrypt the archive by 'age --decrypt --identity key.txt --output"
     " backup.zip backup.zip.age', and verify backup.zip",
     "stimuli probe": "use 'metamerlab stimuli check CLIPS --flicker'",

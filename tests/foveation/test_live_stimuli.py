@@ -49,7 +49,7 @@ from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
 from study_app.live.in_trials import LiveShow, NullRenderer, too_dear
 from study_app.live.loop import SPARE_SHARE, LiveLoop
-from study_app.live.redraw_trials import TrialDrawer
+from study_app.live.redraw import TrialDrawer
 from study_app.live.renderer import STEPS_PER_PX, LiveView
 from study_app.observers import ArtificialObserver, default_model
 from study_app.opening import Setting, begin
@@ -159,7 +159,7 @@ def again(ctx, folder, study, display, drawn_by=("here", "4"), pixels=pixels_of,
         FoveatingStudio(ctx), drawn_by,
     )  # fmt: skip
     try:
-        return drawer.redraw(SessionFolder(folder, read_journal(folder / "journal.jsonl")), {})[0]
+        return drawer.redraw(SessionFolder(folder, read_journal(folder / "journal.jsonl")), {})
     finally:
         drawer.release()
 

@@ -16,8 +16,7 @@ from protocols.journal_file import read_journal
 from protocols.load import load_study, shipped
 from study_app.cli.pictures.live_renderer import FoveatingStudio
 from study_app.live.log import read_log
-from study_app.live.redraw import redraw
-from study_app.live.redraw_trials import TrialDrawer
+from study_app.live.redraw import TrialDrawer, redraw
 from study_app.session_folders import SessionFolder
 from study_app.verification import verify
 
@@ -80,7 +79,7 @@ def test_a_live_session_that_is_killed_at_any_step_is_whole_and_drawn_again(
         if not journal.events:
             return None
         assert verify(SessionFolder(there, journal), study).problems == ()
-        again, _ = drawer.redraw(SessionFolder(there, journal), {})
+        again = drawer.redraw(SessionFolder(there, journal), {})
         assert again.problems == ()
         kept = [one for one in journal.attempts if one.live.ages_ms]
         assert again.drawn == again.equal == len(kept)

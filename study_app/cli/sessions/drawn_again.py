@@ -19,7 +19,7 @@ from study_app.cli.pictures.live_renderer import FoveatingStudio
 from study_app.cli.terminal import say
 from study_app.clips import check_files, read_frame
 from study_app.desktop.strip import BLOCK_PX, BLOCKS, read_both_strips
-from study_app.live.redraw_trials import TrialDrawer
+from study_app.live.redraw import TrialDrawer
 
 _PICTURES_HELD = 4
 

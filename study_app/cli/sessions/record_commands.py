@@ -158,9 +158,9 @@ def verify(
             found = verify_session(session, study)
             again = None
             if drawer is not None and not found.problems:
-                again, compared = drawer.redraw(session, screens)
+                again = drawer.redraw(session, screens)
                 found = replace(found, problems=again.problems)
-                drawn, flips = drawn + again.drawn + compared, flips + again.flips
+                drawn, flips = drawn + again.drawn + len(again.captures), flips + again.flips
             lines = len(session.journal.events) + len(session.journal.damaged)
             verdict = "NOT as it was recorded" if found.problems else "whole"
             say(
@@ -170,7 +170,8 @@ def verify(
             if again is not None:
                 say(
                     f"  {again.flips} live frames, {again.drawn} drawn again: {again.equal}"
-                    f" bit-equal; {compared} of {count_of(len(screens), 'capture')} compared"
+                    f" bit-equal; {len(again.captures)} of {count_of(len(screens), 'capture')}"
+                    " compared"
                 )
             for problem in found.problems:
                 say(f"  {problem}")

@@ -67,7 +67,7 @@ from study_app.gaze.simulated import STEADY
 from study_app.live.latency_histogram import Latency
 from study_app.live.log import LiveLog, read_log
 from study_app.live.loop import DrawnFlip
-from study_app.live.redraw_trials import gaze_by_stamp, read_flips
+from study_app.live.redraw import gaze_by_stamp, read_flips
 from study_app.live.renderer import GazeState, LiveView, RendererDescription
 from study_app.session_folders import SessionFolder
 from study_app.simulate import SimulatedStudy, simulate_study
