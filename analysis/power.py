@@ -412,21 +412,18 @@ def planned_p_values(
     assumed: Mapping[str, float],
     participants: Sequence[int],
     *,
-    null: bool,
     rng: np.random.Generator,
     studies: int,
-    progress: Counted | None = None,
 ) -> Floats:
     """Return p of the planned test (studies, numbers of participants); of several the least.
 
-    With `null` there is nothing to find. The first n people of a study are a study of n.
+    The first n people of a study are a study of n.
     """
     taken, deciding = _checked(simulation, assumed), simulation.deciding()
-    taken = _nothing(simulation, taken) if null else taken
     tables = _by_table(simulation, taken)[0]
     first = (
         next(iter(_tests(deciding, taken, batch, participants, rng, tables).values()))
-        for batch in _batches(simulation, studies, progress)
+        for batch in _batches(simulation, studies, None)
     )
     return np.concatenate([test().min(axis=-1) for test in first])
 
@@ -619,6 +616,6 @@ def _designs(
         changed = deciding.resized(count, times)
         if changed is None:
             return ()
-        p = planned_p_values(changed, assumed, people, null=False, rng=rng, studies=studies)
+        p = planned_p_values(changed, assumed, people, rng=rng, studies=studies)
         found.append(DesignPower(count, times, float((p < simulation.plan.alpha).mean())))
     return tuple(found)

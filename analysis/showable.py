@@ -57,15 +57,6 @@ class FamilyOfTests:
         several = self.count > 1 and not self.holm
         return f'each {self.noun} is judged by itself (correction = "none")' * several
 
-    def least_p(self, people: int) -> float:
-        """Return the least p, adjusted, that so many participants can show; 0: any."""
-        return self._highest(people)[0]
-
-    def why(self, people: int) -> str:
-        """Return the words for those who can show no p below the least."""
-        least, who = self._highest(people)
-        return f"{who} can show no {'adjusted ' * (self._times > 1)}p below {least:.2g}"
-
     def hopeless(self, people: int, alpha: float) -> list[str]:
         """Say that none can be significant with so many participants, and what that takes."""
         if self.count < 1:
@@ -101,12 +92,6 @@ class FamilyOfTests:
             yield _scenes_at, self.scenes, _least_of_votes, MOST_UNITS
         if self.draws:
             yield "bootstrap_draws = {}".format, self.draws, least_p_of_draws, MOST_DRAWS
-
-    def _highest(self, people: int) -> tuple[float, str]:
-        held = self._held(people)
-        each = ((least(number), words(number)) for words, number, least, _ in held)
-        least, who = max(each, default=(0.0, ""))
-        return min(1.0, self._times * least), who
 
 
 def _least_of_votes(number: int, toward: float = 0.5, numbers: int = 0) -> float:

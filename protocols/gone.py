@@ -13,6 +13,14 @@ INSTEAD: Mapping[str, str] = {
         "read decisions.csv, whose column confidence holds the steps, with metadpy (Python) or"
         " HMeta-d (R, MATLAB)"
     ),
+    "analysis sequential": (
+        "compute the bounds of looks with rpact or gsDesign, and say in the preregistration when"
+        " the study stops"
+    ),
+    "analysis.sequential": (
+        "compute the bounds of looks with rpact or gsDesign, and say in the preregistration when"
+        " the study stops"
+    ),
     "analysis export --format psych-ds": (
         "export with --format bids, or write the tables with 'metamerlab analysis tidy'"
     ),

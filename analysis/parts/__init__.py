@@ -237,7 +237,7 @@ class Part(ABC, Generic[P, R]):
         """
 
     def planned_p(self, _found: R, _plan: P) -> float | None:
-        """Return p of the planned test, which looks at unfinished data test; None: there is none.
+        """Return p of the planned test; None: there is none.
 
         Of several planned comparisons it is the least, adjusted if the plan corrects for them.
         """
@@ -272,7 +272,7 @@ class Part(ABC, Generic[P, R]):
         return ()
 
     def planned(self, found: R, plan: P) -> Sequence[Estimate]:
-        """Return those of the planned test, whose limits a planned look adjusts."""
+        """Return those of the planned test."""
         return self.estimates(found, plan)
 
     @abstractmethod

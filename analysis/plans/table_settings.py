@@ -22,7 +22,7 @@ from protocols.tasks.which_half import WhichHalfAnalysis
 from protocols.tasks.yes_no import DetectionAnalysis
 from protocols.units import Model, Scalar
 
-NEVER_TOLD = frozenset({"kind", "exclusions", "sequential"})
+NEVER_TOLD = frozenset({"kind", "exclusions"})
 """Keys of `[analysis]` that are of sessions, not of tables; the kind is said beside."""
 
 

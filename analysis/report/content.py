@@ -7,13 +7,11 @@ import pandas as pd
 
 from analysis.parts import PartFigure, Presentation, computed
 from analysis.parts.added import with_added
-from analysis.parts.interim_looks import LooksPart
 from analysis.parts.places import PlacesPart
 from analysis.report.participants_section import participant_sentence
 from analysis.report.report_source import ReportSource
 from analysis.report.values import as_json
 from analysis.report.wording import left_out_sentence
-from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Paragraph, Section
 from protocols.disk.hashing import Json
 from protocols.errors import StudyError
@@ -62,9 +60,6 @@ def content_of(
     analysis, plan, decisions = source.analysis, source.settings, source.decisions
     every = with_added(analysis.parts_of(plan))
     parts = tuple(one for one in every if not source.only or one.name in source.only)
-    if source.protocol is not None and (looks := source.protocol.analysis.sequential) is not None:
-        families = analysis.families(source.protocol) or (FamilyOfTests("test", people=False),)
-        parts = (LooksPart(source.protocol, looks, parts, families[0]), *parts)
     parts = (*parts, PlacesPart(parts, source.tidy.sessions if source.tidy else None))
     found, notes = computed(parts, analysis.table(decisions, plan), plan, step)
     if not {*found} - {PlacesPart.name}:

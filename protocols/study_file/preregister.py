@@ -115,22 +115,13 @@ def _overview(protocol: StudyProtocol) -> Section:
 
 def _sample(protocol: StudyProtocol, why: str | None, power: Mapping[str, Any] | None) -> Section:
     """Section on participants: how many, why so many, and when collection ends."""
-    left, looks = (
-        " and are left after the exclusions",  # as the report counts who is looked at
-        "It may end earlier, by the planned looks that the section on analysis states.",
-    )
-    if not _looks(protocol):
-        left, looks = (
-            "",
-            "The planned test is run once, after the last participant; no earlier looks are"
-            " planned.",
-        )
     return Section.of(
         "Participants",
         [
             f"Planned participants: {protocol.study.participants}. Collection ends when this"
-            f" many have completed their session{left}.",
-            looks,
+            " many have completed their session.",
+            "The planned test is run once, after the last participant; no earlier looks are"
+            " planned.",
             f"Reason for this number: {why}"
             if why
             else "The reason for this number is not stated.",
@@ -308,14 +299,6 @@ def _browser(protocol: StudyProtocol, display: Display) -> list[str]:
     ]
 
 
-def _looks(protocol: StudyProtocol) -> list[str]:
-    planned = protocol.analysis.sequential
-    if planned is None:
-        return []
-    judged = protocol.analysis.judged(protocol.task, protocol.pool)
-    return planned.plain_sentences(protocol.analysis.alpha, judged)
-
-
 def _times(protocol: StudyProtocol) -> list[str]:
     if protocol.analysis.reaction == "summary":
         return []
@@ -340,7 +323,6 @@ def _analysis(protocol: StudyProtocol, limits: Sequence[str] = ()) -> Section:
         "Analysis",
         [
             *analysis.plain_sentences(protocol.task, protocol.pool),
-            *_looks(protocol),
             *_times(protocol),
         ],
         *never,

@@ -268,8 +268,6 @@ def problems_between(sections: Mapping[str, Any]) -> list[Problem]:
     problems += _taken_columns(study)
     if "analysis" in sections:
         problems += study.analysis.problems(study.task, study.pool)
-        if "study" in sections:
-            problems += _look_problems(study)
     return problems
 
 
@@ -286,18 +284,4 @@ def _taken_columns(study: StudyProtocol) -> list[Problem]:
         )
         for name in study.stimuli.columns()
         if counts[name] > 1
-    ]
-
-
-def _look_problems(study: StudyProtocol) -> list[Problem]:
-    """Return a problem where the last look is not the end of the study."""
-    planned, people = study.analysis.sequential, study.study.participants
-    if planned is None or planned.looks[-1] == people:
-        return []
-    return [
-        Problem(
-            "analysis.sequential.looks",
-            f"must end with study.participants, {people}: the last look is the end of the study"
-            f" (got {planned.looks[-1]})",
-        )
     ]

@@ -21,7 +21,6 @@ from protocols.errors import Problem, StudyError
 from protocols.journal import Attempt
 from protocols.phases import Clip, Fixation, Image, LiveImage, Phase
 from protocols.pool import Pool
-from protocols.study_file.sequential import Sequential
 from protocols.study_file.session_schema import Exclusions
 from protocols.tasks.confidence_question import COLUMNS, Confidence
 from protocols.units import Condition, ExtendedModel, Model, Name, Positive, Scalar, Seconds
@@ -118,7 +117,7 @@ class Adaptive(Model):
 class Analysis(ExtendedModel):
     """Test that is fixed before the data: keys of every kind of analysis."""
 
-    added_later: ClassVar[tuple[str, ...]] = ("sequential", "reaction")
+    added_later: ClassVar[tuple[str, ...]] = ("reaction",)
 
     kind: str
     """The analysis that belongs to the task."""
@@ -126,8 +125,6 @@ class Analysis(ExtendedModel):
     """Significance level."""
     exclusions: Exclusions = Exclusions()
     """Default: the defaults of Exclusions."""
-    sequential: Sequential | None = None
-    """Planned looks before data collection ends. Default: one test, at the end."""
     reaction: Literal["summary", "models"] = "summary"
     """`summary`: medians and means of reaction times. `models`: also a log-normal mixed model and,
     for two answers that are right or wrong, EZ diffusion."""
@@ -139,10 +136,6 @@ class Analysis(ExtendedModel):
     def plain_sentences(self, task: Task, pool: Pool) -> list[str]:
         """Return the analysis in sentences, for a preregistration."""
         raise NotImplementedError
-
-    def judged(self, _task: Task, _pool: Pool) -> str:
-        """Return the p that planned looks judge, within a sentence."""
-        return "that of the planned test"
 
 
 class CatchTrials(Model):

@@ -33,15 +33,6 @@ Weights = Annotated[dict[str, float], BeforeValidator(_weights)]
 """Of conditions, by name; in one text `ours=1, blur=-1/2, none=-1/2`."""
 
 
-def least_of(comparisons: str, *, several: bool, correction: str) -> str:
-    """Return the p that planned looks judge, within a sentence: the least of comparisons."""
-    if not several:
-        return f"that of the comparison {comparisons}"
-    if correction == "holm":
-        return f"the least, Holm-adjusted, of the comparisons {comparisons}"
-    return f"the least, not adjusted, of the comparisons {comparisons}: alpha holds for each alone"
-
-
 class MixedAnalysis(Analysis):
     """An analysis with a mixed model of its answers."""
 

@@ -154,10 +154,6 @@ class PreferenceAnalysis(Preferences):
             * (self.interaction is not None),
         ]
 
-    def judged(self, _task: Task, _pool: Pool) -> str:
-        """Return the p that planned looks judge, within a sentence."""
-        return "that of the primary comparison, not adjusted"
-
 
 class ActivePairs(Adaptive):
     """The pairs whose answers are expected to tell most, chosen in batches (ASAP)."""

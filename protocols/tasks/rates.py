@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field
 from protocols.errors import Problem, did_you_mean
 from protocols.pool import Pool
 from protocols.tasks.base import Task
-from protocols.tasks.mixed import MixedAnalysis, least_of
+from protocols.tasks.mixed import MixedAnalysis
 from protocols.units import Condition, Name, Scalar, matching
 
 BETWEEN = ", "
@@ -70,9 +70,6 @@ def value_of(condition: Condition, columns: Sequence[str]) -> str:
 
 class RatesAnalysis(MixedAnalysis):
     """Right answers by condition and level: rates, psychometric functions, models, learning."""
-
-    judged_alone: ClassVar[str] = "that of right answers against chance"
-    """p that planned looks judge where one condition is tested."""
 
     by: Name | Annotated[tuple[Name, ...], Field(min_length=2)] = "method"
     """The column whose values are compared. Several columns: every combination is a condition,
@@ -181,10 +178,6 @@ class RatesAnalysis(MixedAnalysis):
             values.sort(key=lambda value: value != str(self.baseline))
         return tuple(values)
 
-    def tested(self, task: Task, pool: Pool) -> tuple[str, ...]:
-        """Return the values of `by` that have what is tested, the baseline first."""
-        return self.ordered(task, pool)
-
     def plain_sentences(self, task: Task, pool: Pool) -> list[str]:
         """Return the analysis in sentences."""
         baseline, *others = self.ordered(task, pool)
@@ -215,14 +208,6 @@ class RatesAnalysis(MixedAnalysis):
                 f" {performance_in_words(self.threshold_at)}."
             )
         return found + self.mixed_sentences()
-
-    def judged(self, task: Task, pool: Pool) -> str:
-        """Return the p that planned looks judge, within a sentence."""
-        baseline, *others = self.tested(task, pool)
-        if not others:
-            return self.judged_alone
-        of = "of thresholds " * (task.adaptation is not None)
-        return least_of(f"{of}with {baseline}", several=len(others) > 1, correction=self.correction)
 
 
 def _reads_as_number(value: object) -> bool:

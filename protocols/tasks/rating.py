@@ -15,7 +15,7 @@ from protocols.phases import Phase
 from protocols.pool import Pool
 from protocols.tasks.base import Analysis, Arrangement, Cell, Task, blank_phase, shown_phase
 from protocols.tasks.compared import Standards
-from protocols.tasks.mixed import MixedAnalysis, least_of
+from protocols.tasks.mixed import MixedAnalysis
 from protocols.tasks.rates import name_of
 from protocols.units import Name, Scalar, Seconds
 
@@ -59,14 +59,6 @@ class RatingsAnalysis(MixedAnalysis):
         """Return the values of `by` that are rated, in the order of the cells."""
         shown = [cell.arrangements[0].condition for cell in task.cells(pool)]
         return list(dict.fromkeys(name_of(condition.get(self.by, "")) for condition in shown))
-
-    def judged(self, task: Task, pool: Pool) -> str:
-        """Return the p that planned looks judge, within a sentence."""
-        known = self.known(task, pool)
-        of = f"between {' and '.join(known)}" if len(known) == 2 else f"between values of {self.by}"
-        if self.baseline is not None:
-            of = f"with {name_of(self.baseline)}"
-        return least_of(of, several=len(known) > 2, correction=self.correction)
 
     def plain_sentences(self, _task: Task, _pool: Pool) -> list[str]:
         """Return the analysis in sentences."""

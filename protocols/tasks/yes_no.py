@@ -10,8 +10,8 @@ from pydantic import Field
 from protocols.errors import Problem
 from protocols.pool import Pool
 from protocols.recipes.base import Stimulus
-from protocols.tasks.base import Analysis, Task
-from protocols.tasks.rates import RatesAnalysis, value_of
+from protocols.tasks.base import Analysis
+from protocols.tasks.rates import RatesAnalysis
 from protocols.tasks.single import SingleStimulus
 from protocols.units import Name, Scalar
 
@@ -19,20 +19,7 @@ from protocols.units import Name, Scalar
 class DetectionAnalysis(RatesAnalysis):
     """Shares of "yes", d' and criterion by condition."""
 
-    judged_alone: ClassVar[str] = "that of d' against 0"
-
     kind: Literal["detection"]
-
-    def tested(self, task: Task, pool: Pool) -> tuple[str, ...]:
-        """Return the conditions that have a d': with a signal, and noise of their own or shared."""
-        names = self.ordered(task, pool)
-        if task.adaptation is not None:
-            return names
-        shown = (cell.arrangements[0] for cell in task.cells(pool))
-        right = {(value_of(one.condition, self.by_columns), one.correct) for one in shown}
-        lacking = {name for name in names if (name, "yes") not in right}
-        needed = "yes" if lacking else "no"  # conditions without noise share that of `lacking`
-        return tuple(name for name in names if (name, needed) in right)
 
 
 class YesNo(SingleStimulus):

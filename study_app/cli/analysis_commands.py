@@ -27,7 +27,6 @@ from study_app.cli.options import (
     recorded_protocol,
 )
 from study_app.cli.progress import one_line
-from study_app.cli.sequential_command import register as register_sequential
 from study_app.cli.table_commands import AnswerOption, WhereOption, table_told
 from study_app.cli.table_commands import register as register_tables
 from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
@@ -419,7 +418,6 @@ def import_(
 
 register(app)
 register_tables(app)
-register_sequential(app)
 
 
 def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:

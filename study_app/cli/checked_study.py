@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from protocols.display import Display
@@ -20,12 +19,8 @@ def require_buildable(
     study: StudyProtocol,
     display: Display,
     manifest: Manifest | None = None,
-    *,
-    also: Sequence[str] = (),
 ) -> tuple[Builder, dict[str, str]]:
     """Check the recipe's names, the display, and clips where they are given.
-
-    `also` holds further mistakes, to be told with these.
 
     Returns
     -------
@@ -42,7 +37,7 @@ def require_buildable(
     unfit = found.problems
     if unfit:  # measures in other units are a likely cause
         unfit += display_notes(display)
-    problems = [*builder.problems(), *unfit, *also]
+    problems = [*builder.problems(), *unfit]
     if problems:
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems))
     return builder, found.unwritten

@@ -90,11 +90,10 @@ def check(
         check_choice(study.gaze, gaze, simulate=True)
     manifest = read_manifest(stimuli) if stimuli else None
     # Imported here: they bring the renderer and the statistics along.
-    from analysis.planning import look_problems, planning_notes
+    from analysis.planning import planning_notes
     from study_app.cli.checked_study import require_buildable
 
-    looks = look_problems(study)
-    builder, unwritten = require_buildable(protocol, study, screen, manifest, also=looks)
+    builder, unwritten = require_buildable(protocol, study, screen, manifest)
     plan = _plan(study, screen, manifest)
     say(
         f"{study.study.name}: in order. {count_of(plan.main_trials, 'decision')} on"
@@ -277,10 +276,9 @@ def preregister(
 
         metamerlab protocol preregister my-study.toml --power power --why "As in our pilot."
     """
-    from analysis.planning import check_looks, planning_notes
+    from analysis.planning import planning_notes
 
     study, screen = load_study(protocol, display)
-    check_looks(protocol, study)
     manifest = read_manifest(stimuli) if stimuli else None
     _plan(study, screen, manifest)
     revision = f"{package_version()}, revision {code_revision()}"

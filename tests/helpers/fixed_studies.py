@@ -220,13 +220,11 @@ def report_of(name: str, folder: Path, write_journals: Callable[..., Path] | Non
     if name in SESSIONS:
         assert write_journals is not None
         from protocols.load import load_protocol
-        from protocols.study_file.sequential import Sequential
 
         study = load_protocol(Path("demo"))
         analysis = study.analysis
         rules = analysis.exclusions.model_copy(update={"rt_max_s": 1.4})
-        looks = Sequential(rule="obrien-fleming", looks=(4, 8))
-        analysis = analysis.model_copy(update={"exclusions": rules, "sequential": looks})
+        analysis = analysis.model_copy(update={"exclusions": rules})
         study = study.model_copy(update={"analysis": analysis})
         sessions = write_journals(folder / "sessions", people=4, protocol=study)
         report_sessions(sessions, study, folder / "report", figure_files=False)

@@ -83,7 +83,7 @@ def test_every_key_of_every_section_is_there_and_explained(made, section, model)
     tables = {
         "task": {"catch", "sampling", "confidence"},
         "design": {"practice"},
-        "analysis": {"primary", "exclusions", "sequential"},
+        "analysis": {"primary", "exclusions"},
         "text.languages.en": {"questions"},
     }
 

@@ -44,7 +44,6 @@ RENAMED = (
     (r"results\.critical\.(.*)", r"results.critical.fits.\1"),
     (r"results\.critical_contrasts\.(.*)", r"results.critical.contrasts.\1"),
     (r"results\.(participant|scene)_shares\.([^/]*)", r"results.people.\1s.\2"),
-    (r"sequential\.(.*)", r"results.looks.\1"),
     (r"result\.((?:summary|model|diffusion)\..*)", r"results.times.\1"),
     (r"result\.(sensitivity\..*)", r"results.\1"),
     (r"result\.(people|within|between)(.*)", r"results.psychometric.\1\2"),

@@ -17,7 +17,6 @@ from undrawn_reports import drawn_narrow, undrawn
 
 from analysis.models import preference_posterior
 from analysis.parts import Estimate, Part, Presentation, added, computed, estimates_of
-from analysis.parts.interim_looks import LooksPart
 from analysis.report.write_report import report_decisions
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times
@@ -44,7 +43,6 @@ REPORTS = {
         *("preferences", "leaving_out", "interaction", "choice_models", "random_effects", "bayes"),
         *("scale", "joint_scale", "strengths", "bias", "learning", "times"),
     ),
-    "sessions": ("looks",),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
@@ -135,14 +133,6 @@ SAID = {
         "methods": "Posteriors of shares of choices are of a hierarchical logit model",
         "tables": {"posteriors.csv"},
         "figure": "posteriors",
-    },
-    "looks": {
-        "section": "looks",
-        "caption": "Bounds of the planned looks",
-        "sentence": "Look 1 of 2 (4 participants)",
-        "methods": "Error is spent by the Lan-DeMets function",
-        "tables": {"looks.csv", "look_limits.csv"},
-        "figure": "looks",
     },
     "scale": {
         "section": "scale",
@@ -311,7 +301,7 @@ def check(folder, parts, page: str) -> None:
 
 def test_every_shipped_part_is_among_those_that_are_checked():
     shipped = {part.name for kind in ANALYSES for part in analysis_of(kind).parts}
-    assert {*shipped, LooksPart.name} == set(SAID)
+    assert shipped == set(SAID)
 
 
 @pytest.fixture(autouse=True)

@@ -67,11 +67,11 @@ def test_planning_a_study_imports_no_figures_and_no_models():
     heavy = ("matplotlib", "statsmodels", "scipy.stats", "scipy.optimize", "scipy.sparse")
     code = (
         "import sys\n"
-        "from analysis.planning import look_problems, planning_notes\n"
+        "from analysis.planning import planning_notes\n"
         "from protocols.load import load_protocol, shipped\n"
         "for path in shipped('studies').values():\n"
         "    study = load_protocol(path)\n"
-        "    look_problems(study), planning_notes(study)\n"
+        "    planning_notes(study)\n"
         f"print(study.study.name, [name for name in {heavy!r} if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)

@@ -167,7 +167,7 @@ def test_a_part_that_knows_tables_only_has_the_power_that_can_be_counted(rng):
             by_hand = stats.binom.pmf(counts, people, rate)[small].sum()
             error = np.sqrt(max(by_hand * (1 - by_hand), 0.01) / 60)
             assert figure[place] == pytest.approx(by_hand, abs=4 * error)
-    p = planned_p_values(simulation, assumed, [6], null=False, rng=rng, studies=5)
+    p = planned_p_values(simulation, assumed, [6], rng=rng, studies=5)
     assert set(np.round(p.ravel(), 6)) <= {0.03125, 0.21875, 0.6875, 1.0}
 
 

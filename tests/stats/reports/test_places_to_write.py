@@ -93,7 +93,6 @@ SLOW = [
         )
     ),
     "analysis power no-study.toml",
-    "analysis sequential no-study.toml",
     "analysis export no-sessions --protocol demo --format bids",
 ]  # fmt: skip
 

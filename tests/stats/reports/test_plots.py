@@ -34,7 +34,6 @@ from analysis.models.preference import preferences
 from analysis.models.psychometric import CurveForm, fit_psychometric
 from analysis.models.reaction import reaction_times
 from analysis.models.scaling import scale
-from analysis.models.sequential_bounds import plan_of
 from analysis.models.thresholds import fit_thresholds
 from analysis.models.trends import course
 from analysis.parts.scale import vote_tensor
@@ -61,11 +60,9 @@ from analysis.plots.caterpillar import caterpillar_plot
 from analysis.plots.interaction_plot import interaction_plot
 from analysis.plots.preference_plots import _odds_ticks
 from analysis.plots.rating_plots import ratings_plot
-from analysis.plots.sequential_plot import bounds_plot
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
 from analysis.power import power
 from analysis.tasks import analysis_of
-from protocols.study_file.sequential import Sequential
 
 LABELS = {
     "metameric": "Metameric (ours)",
@@ -94,7 +91,6 @@ KINDS = (
     "rates",
     "caterpillar",
     "interaction",
-    "looks",
 )
 Draw = Callable[..., Figure]
 
@@ -181,7 +177,6 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
         for of in ("metameric", "push-pull")
         for at, one in right
     ]
-    looks = plan_of(Sequential(rule="bayes-factor", looks=(8, 16, 24), bayes_factor=3.0), 0.05)
     rated = rating_model(
         pd.DataFrame(
             [
@@ -203,7 +198,6 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
         "interaction": lambda **k: interaction_plot(
             sides, title="Field of view", chance=0.5, **{"level": 0.95} | k
         ),
-        "looks": lambda **k: bounds_plot(looks, people=16, p=0.02, **k),
         "preference": lambda **k: preference_bars(cells, shares, label=label, **k),
         "forest": lambda **k: forest_plot(cells, label=label, **k),
         "scale": lambda **k: jod_plot(scales, label=label, **k),
@@ -382,7 +376,6 @@ MEANINGS = {
     "ratings": "95 % limits",
     "caterpillar": "95 % limits",
     "interaction": "95 % limits; dashed: chance",
-    "looks": "Dashed: alpha = .05",
 }
 
 

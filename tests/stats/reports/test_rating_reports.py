@@ -90,7 +90,7 @@ def test_the_page_shows_places_comparisons_people_and_times(votes, imported):
 
 
 def test_the_likelihood_ratio_that_stands_first_decides(votes, rng):
-    """Of the clearest comparison, how many differ, the main numbers and the planned looks."""
+    """Of the clearest comparison, how many differ, the main numbers and the planned test."""
     rows = votes.rename(columns={"who": "participant", "vote": "rating"})
     plan = analysis_of("ratings").settings_of_table(
         rows, "table", RatingTableSettings(by="method", scale=SCALE, baseline="blur")
