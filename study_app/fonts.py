@@ -1,4 +1,4 @@
-"""Fonts on this machine, and which scripts each can write.
+"""Fonts on this machine, and the characters that each can draw.
 
 Pillow has no font fallback: one text is drawn with one font, so that font must
 hold every character of it.
@@ -12,19 +12,6 @@ from functools import lru_cache
 from pathlib import Path
 
 from PIL import ImageFont
-
-SAMPLES = {
-    "Latin": "aéßŁő",
-    "Greek": "αβΩ",
-    "Cyrillic": "жщЯ",
-    "Hebrew": "אבש",
-    "Arabic": "ابت",
-    "Devanagari": "कखग",
-    "Chinese": "中文字",
-    "Japanese": "あカ",
-    "Korean": "한글",
-}
-"""A few characters per script; a font that holds them writes the script."""
 
 # Read first: these are the ones with the widest coverage.
 _PREFERRED = ("dejavusans.", "notosans-regular.", "notosanscjk-regular.", "freesans.", "unifont")
@@ -72,14 +59,6 @@ def missing_characters(font: Path, text: str) -> str:
     return "".join(
         char for char in dict.fromkeys(text) if not char.isspace() and _outline(font, char) == blank
     )
-
-
-def scripts_of(font: Path) -> list[str]:
-    """Return the scripts of `SAMPLES` that `font` can write; none if it is unreadable."""
-    try:
-        return [script for script, text in SAMPLES.items() if not missing_characters(font, text)]
-    except OSError:
-        return []
 
 
 def _preference(path: Path) -> int:

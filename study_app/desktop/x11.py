@@ -131,10 +131,6 @@ class XServer:
         atom = self.ask(16, 0, struct.pack("=HH", len(name), 0) + name)[8:12]
         return any(self.ask(23, 0, atom)[8:12])
 
-    def blank_after_s(self) -> int:
-        """Return after how long without a key the server's own screen saver begins; 0: never."""
-        return int(struct.unpack_from("=H", self.ask(108, 0), 8)[0])
-
     def monitors(self) -> list[tuple[int, int, int, int]]:
         """Return left, top, width and height of every monitor, in pixels of the root window."""
         if not (randr := self.extension("RANDR")):

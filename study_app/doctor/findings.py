@@ -1,11 +1,10 @@
-"""Findings of checks, the jobs that they are for, and what a study asks of a machine."""
+"""Findings of checks, and the jobs that they are for."""
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 
 class Status(enum.StrEnum):
@@ -25,6 +24,9 @@ class Job(enum.StrEnum):
 
 
 EVERY_JOB = frozenset(Job)
+FOR_SESSIONS = frozenset({Job.SESSIONS})
+FOR_STIMULI = frozenset({Job.STIMULI})
+FOR_BOTH = FOR_SESSIONS | FOR_STIMULI
 
 
 @dataclass(frozen=True)
@@ -36,30 +38,6 @@ class Finding:
     found: str
     cure: str = ""
     jobs: frozenset[Job] = EVERY_JOB
-    details: Mapping[str, Any] = field(default_factory=dict)  # JSON, for `--json`
-
-
-@dataclass(frozen=True)
-class Needs:
-    """Needs of a study on a machine; the defaults suit 3 s clips of 1080 x 1080 px.
-
-    A clip of 3 s at 60 Hz takes 0.84 GB on the graphics card's side, and a trial
-    holds the two it compares.
-    """
-
-    free_memory_warn_gb: float = 4.0
-    free_memory_fail_gb: float = 1.0
-    free_disk_warn_gb: float = 10.0
-    free_disk_fail_gb: float = 1.0
-    write_warn_mb_s: float = 30.0
-    append_warn_s: float = 0.1  # between two trials nobody notices less
-    texture_px: int = 4096
-    texture_layers: int = 512
-
-
-FOR_SESSIONS = frozenset({Job.SESSIONS})
-FOR_STIMULI = frozenset({Job.STIMULI})
-FOR_BOTH = FOR_SESSIONS | FOR_STIMULI
 
 
 def worst(findings: Iterable[Finding]) -> Status:

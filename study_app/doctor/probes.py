@@ -25,13 +25,6 @@ from pipeline.errors import GLUnavailableError
 
 Answer = dict[str, Any]  # JSON; "error" holds the reason where there is no answer
 
-LIMITS = (
-    "GL_MAX_TEXTURE_SIZE",
-    "GL_MAX_ARRAY_TEXTURE_LAYERS",
-    "GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS",
-    "GL_MAX_COMPUTE_SHARED_MEMORY_SIZE",
-    "GL_MAX_SHADER_STORAGE_BLOCK_SIZE",
-)
 SWAPS = 40  # frames timed by `display`: 0.7 s at 60 Hz
 
 
@@ -66,33 +59,14 @@ def gl() -> Answer:
     from pipeline.gl.context import create_context, describe
 
     try:
-        ctx = create_context()
+        renderer = describe(create_context())
     except GLUnavailableError as error:
         return {"error": str(error)}
-    renderer = describe(ctx)
     return {
         "renderer": renderer.name,
-        "vendor": renderer.vendor,
         "version": renderer.version,
         "software": renderer.software,
-        "limits": {limit: int(ctx.info[limit]) for limit in LIMITS if limit in ctx.info},
     }
-
-
-def egl() -> Answer:
-    """Every EGL device, with the renderer behind it or why it gives none."""
-    from pipeline.gl.context import MAX_DEVICES, create_context, describe
-
-    devices: list[Answer] = []
-    for index in range(MAX_DEVICES):
-        try:
-            devices.append({"renderer": str(describe(create_context(index)))})
-        except GLUnavailableError as error:
-            reason = str(error)
-            if "but found" in reason:  # glcontext: "requested device N, but found M devices"
-                break
-            devices.append({"error": reason})
-    return {"devices": devices}
 
 
 def display() -> Answer:
@@ -116,7 +90,6 @@ def display() -> Answer:
         try:
             with XServer() as server:
                 found["compositor"] = server.has_compositor()
-                found["blank_after_s"] = server.blank_after_s()
         except OSError as error:
             found["unasked"] = str(error)
     found["window"] = _time_swaps(glfw) if monitors else {"error": "no monitor"}
@@ -128,17 +101,12 @@ def _monitor(glfw: Any, monitor: Any) -> Answer:
     from study_app.desktop.monitor import enlargement, plain_text
 
     mode = glfw.get_video_mode(monitor)
-    width_mm, height_mm = glfw.get_monitor_physical_size(monitor)
-    alike = [one.refresh_rate for one in glfw.get_video_modes(monitor) if one.size == mode.size]
     return {
         "name": plain_text(glfw.get_monitor_name(monitor)),
         "width_px": mode.size.width,
         "height_px": mode.size.height,
         "refresh_hz": mode.refresh_rate,
-        "fastest_hz": max(alike, default=mode.refresh_rate),
         "scale": glfw.get_monitor_content_scale(monitor)[0] * enlargement(monitor),
-        "width_mm": width_mm,
-        "height_mm": height_mm,
     }
 
 
@@ -185,12 +153,11 @@ def _time_swaps(glfw: Any) -> Answer:
         "renderer": str(ctx.info["GL_RENDERER"]),
         "version": str(ctx.info["GL_VERSION"]),
         "swap_median_s": statistics.median(intervals_s),
-        "swap_min_s": min(intervals_s),
         "swap_max_s": max(intervals_s),
     }
 
 
-PROBES: dict[str, Callable[[], Answer]] = {"gl": gl, "egl": egl, "display": display}
+PROBES: dict[str, Callable[[], Answer]] = {"gl": gl, "display": display}
 
 
 def answer(name: str) -> None:

@@ -1,0 +1,163 @@
+"""Our packages, fonts and text, disk and memory."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import re
+import statistics
+import tempfile
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import psutil
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from study_app.doctor.findings import FOR_BOTH, FOR_SESSIONS, Finding, Status
+from study_app.text_image import UnwritableError, typeface_for
+
+DISK_FAIL_GB, DISK_WARN_GB = 1.0, 10.0
+MEMORY_FAIL_GB, MEMORY_WARN_GB = 1.0, 4.0
+"""A clip of 3 s of 1080 x 1080 px at 60 Hz takes 0.84 GB, and a trial holds the two it compares."""
+_WRITE_WARN_MB_S = 30.0
+_APPEND_WARN_S = 0.1  # between two trials nobody notices less
+
+
+def check_packages(
+    needed: Iterable[Requirement], tested: Mapping[str, str] | None = None
+) -> Finding:
+    """Everything that metamerlab needs, in a version that it accepts and, best, was tested with.
+
+    Parameters
+    ----------
+    needed : iterable of Requirement
+        As `requirements` returns them; those of the optional parts are left out.
+    tested : mapping, optional
+        Name to the version that the tests ran with, as `tested_versions` reads it.
+    """
+    wrong, untested, count = [], [], 0
+    for requirement in needed:
+        if requirement.marker and not requirement.marker.evaluate({"extra": ""}):
+            continue
+        name, count = requirement.name, count + 1
+        try:
+            version = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            wrong.append(f"{name} is missing")
+            continue
+        pinned = (tested or {}).get(canonicalize_name(name), version)
+        if not requirement.specifier.contains(version, prereleases=True):
+            wrong.append(f"{name} {version} is not {requirement.specifier}")
+        elif version != pinned:
+            untested.append(f"{name} {version}, tested {pinned}")
+    if wrong:
+        cure = "install metamerlab again: script/setup in a checkout, pip install -U metamerlab"
+        return Finding("packages", Status.FAIL, "; ".join(wrong), cure)
+    if not count:
+        cure = "install it (script/setup) to know which packages it needs"
+        return Finding("packages", Status.WARN, "metamerlab is not installed", cure)
+    if untested:
+        cure = "script/setup installs the tested versions; others usually work"
+        return Finding("packages", Status.WARN, "; ".join(untested), cure)
+    found = f"all {count} present" + (", in the tested versions" if tested else "")
+    return Finding("packages", Status.PASS, found)
+
+
+def requirements() -> list[Requirement]:
+    """Return what the installed metamerlab needs; none where it is not installed."""
+    try:
+        return [Requirement(line) for line in importlib.metadata.requires("metamerlab") or []]
+    except importlib.metadata.PackageNotFoundError:
+        return []
+
+
+def tested_versions() -> dict[str, str]:
+    """Return the versions that a checkout's lock names; none where there is no checkout."""
+    lock = Path(__file__).resolve().parents[2] / "requirements.lock"
+    if not lock.is_file():
+        return {}
+    pins = re.findall(r"^[\w.-]+==[^\\\n]+", lock.read_text(encoding="utf-8"), re.MULTILINE)
+    lines = [Requirement(pin.strip()) for pin in pins]
+    return {
+        canonicalize_name(line.name): next(iter(line.specifier)).version
+        for line in lines
+        if line.marker is None or line.marker.evaluate()
+    }
+
+
+def check_texts() -> list[Finding]:
+    """Texts of instructions, by what draws them: Latin letters, and a script that is shaped."""
+    findings = []
+    for check, text, status in (
+        ("fonts", "aéßŁő", Status.FAIL),
+        ("text shaping", "ابت", Status.WARN),
+    ):
+        try:
+            found = typeface_for([text], 32).path.name
+            findings.append(Finding(check, Status.PASS, found, "", FOR_SESSIONS))
+        except UnwritableError as error:
+            found, _, cure = str(error).removeprefix("text: ").partition("; ")
+            findings.append(Finding(check, status, found, cure, FOR_SESSIONS))
+    return findings
+
+
+def check_disk(folder: Path) -> list[Finding]:
+    """Free space in `folder`, how fast a clip is written, how fast a journal line is safe."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            block = os.urandom(1 << 20)
+            start_s = time.perf_counter()
+            for _ in range(32):
+                file.write(block)
+            file.flush()
+            os.fsync(file.fileno())
+            write_mb_s = 32 * len(block) / 1e6 / (time.perf_counter() - start_s)
+            appends_s = []
+            for _ in range(20):
+                start_s = time.perf_counter()
+                file.write(b"x" * 400)  # about one journal line
+                file.flush()
+                os.fsync(file.fileno())
+                appends_s.append(time.perf_counter() - start_s)
+        free_gb = psutil.disk_usage(str(folder)).free / 1e9
+    except OSError as error:
+        cure = "choose another one with --folder, or make room and permission to write in it"
+        reason = (error.strerror or "failed").lower()
+        return [Finding("disk", Status.FAIL, f"{folder.resolve()}: {reason}", cure)]
+    found = (
+        f"{write_mb_s:.0f} MB/s written and synced; one line is safe after"
+        f" {1e3 * statistics.median(appends_s):.1f} ms (longest {1e3 * max(appends_s):.1f})"
+    )
+    speed = Finding("disk speed", Status.PASS, found, "", FOR_BOTH)
+    if write_mb_s < _WRITE_WARN_MB_S or max(appends_s) > _APPEND_WARN_S:
+        cure = f"{folder} is slow: record to a local disk, not to a network drive or a USB stick"
+        speed = Finding("disk speed", Status.WARN, found, cure, FOR_BOTH)
+    return [judge_space(folder, free_gb), speed]
+
+
+def judge_space(folder: Path, free_gb: float) -> Finding:
+    """Room on the disk of a folder, and whether it is a disk."""
+    target = folder.resolve()
+    mounts = {Path(part.mountpoint): part.fstype for part in psutil.disk_partitions(all=True)}
+    place = next((one for one in (target, *target.parents) if one in mounts), None)
+    kind = mounts[place] if place else "unknown"
+    found = f"{free_gb:.1f} GB free in {target} ({kind})"
+    if kind in ("tmpfs", "ramfs"):
+        cure = "choose a folder on a disk: this one is in memory and is lost when power goes"
+        return Finding("disk space", Status.WARN, found, cure)
+    for status, least in ((Status.FAIL, DISK_FAIL_GB), (Status.WARN, DISK_WARN_GB)):
+        if free_gb < least:
+            cure = f"make room for at least {least:g} GB, or choose another disk with --folder"
+            return Finding("disk space", status, found, cure)
+    return Finding("disk space", Status.PASS, found)
+
+
+def check_memory(free_gb: float) -> Finding:
+    """Room for the two clips of a trial and the next pair."""
+    for status, least in ((Status.FAIL, MEMORY_FAIL_GB), (Status.WARN, MEMORY_WARN_GB)):
+        if free_gb < least:
+            cure = f"close other programs; {least:g} GB are needed for 3 s clips of 1080 x 1080 px"
+            return Finding("memory", status, f"{free_gb:.1f} GB free", cure, FOR_BOTH)
+    return Finding("memory", Status.PASS, f"{free_gb:.1f} GB free", "", FOR_BOTH)
