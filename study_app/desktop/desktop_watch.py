@@ -1,10 +1,12 @@
-"""Notices what an X11 desktop puts over a window, and holds its screen saver off."""
+"""Notices what an X11 desktop puts over a window, holds its screen saver off, and notices sleep."""
 
 from __future__ import annotations
 
+import ctypes
 import struct
+import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from study_app.desktop.x11 import XServer
@@ -19,6 +21,23 @@ _SUBSTRUCTURE = 0x80000  # events of what lies below the root window
 _WM_CLASS, _ANY = 67, 0  # predefined atoms
 _VIEWABLE, _DRAWN = 2, 1
 _BLANK = 1
+_LEAST_SLEEP_S = 0.5
+
+if sys.platform == "win32":
+
+    def _behind_s() -> float:
+        """Time for which one clock stood still and the other did not, and a constant."""
+        hundred_ns = ctypes.c_ulonglong()
+        ctypes.windll.kernel32.QueryUnbiasedInterruptTime(ctypes.byref(hundred_ns))
+        return time.monotonic() - hundred_ns.value / 1e7
+
+else:
+
+    def _behind_s() -> float:
+        """Time for which one clock stood still and the other did not, and a constant."""
+        mac = sys.platform == "darwin"
+        through_sleep = time.CLOCK_MONOTONIC if mac else time.CLOCK_BOOTTIME
+        return time.clock_gettime(through_sleep) - time.monotonic()
 
 
 def unnoticed(system: str, environment: Mapping[str, str], unasked: str = "") -> str:
@@ -151,3 +170,22 @@ class DesktopWatch:
             if reply and (length := struct.unpack_from("=I", reply, 16)[0]):
                 return reply[32 : 32 + length].split(b"\0")[0].decode("latin-1")
         return "one without a name"
+
+
+class SleepWatch:
+    """Compares two clocks that part only while the machine sleeps.
+
+    Neither is the wall clock: setting that one is no sleep.
+    """
+
+    def __init__(self, behind_s: Callable[[], float] = _behind_s) -> None:
+        self._behind_s, self._apart_s = behind_s, behind_s()
+
+    def slept_s(self) -> float:
+        """Return for how long the machine slept since the last call; 0: it did not."""
+        apart_s = self._behind_s()
+        slept_s = apart_s - self._apart_s
+        if slept_s < _LEAST_SLEEP_S:
+            return 0.0
+        self._apart_s = apart_s
+        return slept_s

@@ -6,6 +6,7 @@ import itertools
 import math
 import platform
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
@@ -17,7 +18,7 @@ from protocols.journal import DisplayReport, UtcTime
 from protocols.latency import LatencySummary
 from protocols.revision import code_revision, package_version
 from protocols.units import Count, Hertz, Model, Name, Seconds, SecondsOrNone, Sha256
-from study_app.desktop.vsync import Intervals, judge, summarise
+from study_app.desktop.vsync import judge, summarise
 from study_app.desktop.window import Window
 from study_app.pacing import cannot_keep_up
 from study_app.recorder import write_new
@@ -107,7 +108,9 @@ def check_display(
         nominal_hz=display.refresh_hz,
         measured_hz=display.refresh_hz if window.pacing == "software" else measured.refresh_hz,
         evidence=evidence,
-        intervals=_rounded(measured),
+        intervals=MeasuredIntervals(
+            **{name: round(value, 9) for name, value in asdict(measured).items()}
+        ),
         every_interval_s=tuple(
             round(late - early, 6) for early, late in itertools.pairwise(stamps)
         ),
@@ -183,15 +186,3 @@ _MEANING = {
     "unverified": "swaps are waited for, but their intervals do not fit the display",
     "software timer": "a timer paces the flips; not for data",
 }
-
-
-def _rounded(measured: Intervals) -> MeasuredIntervals:
-    return MeasuredIntervals(
-        flips=measured.flips,
-        mean_s=round(measured.median_s, 9),
-        sd_s=round(measured.sd_s, 9),
-        min_s=round(measured.min_s, 9),
-        max_s=round(measured.max_s, 9),
-        missed=measured.missed,
-        doubled=measured.doubled,
-    )

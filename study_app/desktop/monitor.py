@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+from contextlib import closing, suppress
 from typing import Any
 
 import glfw
@@ -87,7 +87,7 @@ def enlargement(monitor: Any) -> float:
     """
     place, mode = glfw.get_monitor_pos(monitor), glfw.get_video_mode(monitor)
     if glfw.get_platform() == glfw.PLATFORM_X11:
-        with suppress(OSError), XServer() as server:
+        with suppress(OSError), closing(XServer()) as server:
             for x, y, width, _ in server.monitors():
                 if (x, y) == tuple(place):
                     return float(width / mode.size.width)

@@ -83,7 +83,8 @@ class Intervals:
     """Measured intervals between flips, summed up."""
 
     flips: int
-    median_s: float
+    mean_s: float
+    """Of those that were one refresh long."""
     sd_s: float
     min_s: float
     max_s: float
@@ -95,7 +96,7 @@ class Intervals:
     @property
     def refresh_hz(self) -> float:
         """The measured rate."""
-        return 1.0 / self.median_s
+        return 1.0 / self.mean_s
 
 
 def summarise(stamps_s: Sequence[float], nominal_hz: float) -> Intervals:
@@ -115,7 +116,7 @@ def summarise(stamps_s: Sequence[float], nominal_hz: float) -> Intervals:
     period_s = statistics.fmean(whole) if len(whole) > len(gaps) / 2 else median_s
     return Intervals(
         flips=len(stamps_s),
-        median_s=period_s,
+        mean_s=period_s,
         sd_s=statistics.pstdev(whole or gaps),
         min_s=min(gaps),
         max_s=max(gaps),
@@ -134,7 +135,7 @@ def judge(intervals: Intervals, display: Display, evidence: Evidence) -> Evidenc
     """
     if evidence == "software timer":
         return evidence
-    if intervals.median_s * display.refresh_hz < NO_WAIT_SHARE:
+    if intervals.mean_s * display.refresh_hz < NO_WAIT_SHARE:
         raise StudyError(
             f"display {display.name!r}: every swap must wait for the refresh at"
             f" {display.refresh_hz:g} Hz (found {intervals.refresh_hz:.0f} swaps per second); turn"

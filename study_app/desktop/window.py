@@ -20,7 +20,7 @@ from pipeline.gl.context import adopt_context
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.study_file.session_schema import POINTER
-from study_app.desktop.desktop_watch import DesktopWatch, unnoticed
+from study_app.desktop.desktop_watch import DesktopWatch, SleepWatch, unnoticed
 from study_app.desktop.gamepad import Gamepad
 from study_app.desktop.keys import key_name
 from study_app.desktop.monitor import (
@@ -32,7 +32,6 @@ from study_app.desktop.monitor import (
     window_system,
 )
 from study_app.desktop.one_screen import claim_screen
-from study_app.desktop.sleep_watch import SleepWatch
 from study_app.desktop.vsync import Evidence, SyncValues
 from study_app.stage import KeyPress
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import struct
 import sys
-from types import TracebackType
 
 
 class _Vector(ctypes.Structure):
@@ -65,14 +64,6 @@ class XServer:
         for _ in range(screen.value):
             xcb.xcb_screen_next(ctypes.byref(screens))
         self.screen, self.root = screen.value, int(screens.root[0])
-
-    def __enter__(self) -> XServer:
-        return self
-
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: object, _trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the connection."""

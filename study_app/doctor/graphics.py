@@ -1,4 +1,4 @@
-"""OpenGL, monitors and the time of buffer swaps, judged from what the probes answered."""
+"""OpenGL, the desktop, monitors and a window, judged from what the probes answered."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def check_gl(answer: Answer) -> Finding:
 
 
 def check_display(answer: Answer, environment: Mapping[str, str]) -> list[Finding]:
-    """Window system, what may cover the screen, monitors, and whether swaps keep time."""
+    """Window system, what may cover the screen, monitors, and the timing of a window."""
     if "error" in answer or not answer["monitors"]:
         reason = answer.get("error") or "no monitor is connected"
         cure = "start from a desktop session of the machine that shows the study"
@@ -53,7 +53,7 @@ def check_display(answer: Answer, environment: Mapping[str, str]) -> list[Findin
     if covering := answer["disturbers"]:
         found = f"{', '.join(covering)} may cover the screen with a saver, a lock or a notice"
         findings.append(_of_sessions("notices", Status.WARN, found, DO_NOT_DISTURB))
-    return [*findings, _judge_monitors(answer["monitors"]), *_judge_window(answer)]
+    return [*findings, _judge_monitors(answer["monitors"]), *_judge_window(answer.get("window"))]
 
 
 def _of_sessions(check: str, status: Status, found: str, cure: str = "") -> Finding:
@@ -86,40 +86,26 @@ def _judge_monitors(monitors: list[Answer]) -> Finding:
     return _of_sessions("monitors", Status.WARN, f"they differ: {found}", cure)
 
 
-def _judge_window(answer: Answer) -> list[Finding]:
-    """Renderer in a window, and whether its swaps keep time with a monitor."""
+def _judge_window(window: Answer | None) -> list[Finding]:
+    """Renderer and timing of a window, as a session checks them before it begins."""
     from pipeline.gl.context import SOFTWARE_RENDERERS
 
-    window = answer["window"]
-    if "error" in window:
-        cure = "install the graphics card's driver with OpenGL 3.3 or newer"
-        return [_of_sessions("window", Status.FAIL, window["error"], cure)]
-    found = f"{window['renderer']}, OpenGL {window['version']}"
-    opened = _of_sessions("window", Status.PASS, found)
-    if any(word in window["renderer"].lower() for word in SOFTWARE_RENDERERS):
-        cure = "install the graphics card's driver: drawing on the CPU misses frames"
-        opened = _of_sessions("window", Status.WARN, f"{found} (software)", cure)
-    median_ms, longest_ms = 1e3 * window["swap_median_s"], 1e3 * window["swap_max_s"]
-    found = f"swaps every {median_ms:.2f} ms (longest {longest_ms:.2f})"
-    rates = [one["refresh_hz"] for one in answer["monitors"] if one["refresh_hz"] > 0]
-    if not rates:
-        found += (
-            ", but no monitor has a refresh rate: a virtual or remote display"
-            " (Xvfb, VNC) shows nothing at a known time"
+    if window is None:
+        found = (
+            "no monitor has a refresh rate: a virtual or remote display (Xvfb, VNC) shows nothing"
+            " at a known time"
         )
         cure = "run sessions on the machine that the monitor is connected to"
-        return [opened, _of_sessions("timing", Status.FAIL, found, cure)]
-    frame_ms = min((1e3 / rate for rate in rates), key=lambda ms: abs(ms - median_ms))
-    found += f", the monitor's frame lasts {frame_ms:.2f} ms"
-    faults = (
-        (median_ms < 0.9 * frame_ms, Status.FAIL, "no vsync",
-         "turn on vertical synchronisation (vsync) in the driver's settings"),
-        (median_ms > 1.1 * frame_ms, Status.FAIL, "frames are missed",
-         "close other programs, turn off the compositor, use a faster graphics card"),
-        (longest_ms > 1.5 * frame_ms, Status.WARN, "a frame was missed",
-         "close other programs and turn off the compositor"),
-    )  # fmt: skip
-    for holds, status, fault, cure in faults:
-        if holds:
-            return [opened, _of_sessions("timing", status, f"{found}: {fault}", cure)]
+        return [_of_sessions("timing", Status.FAIL, found, cure)]
+    if failed := window.get("error") or window["late"]:
+        found, _, cure = failed.partition(", or run 'metamerlab doctor'")[0].partition("; ")
+        return [_of_sessions("timing", Status.FAIL, found, cure)]
+    opened = _of_sessions("window", Status.PASS, window["renderer"])
+    if any(word in window["renderer"].lower() for word in SOFTWARE_RENDERERS):
+        cure = "install the graphics card's driver: drawing on the CPU misses frames"
+        opened = _of_sessions("window", Status.WARN, window["renderer"], cure)
+    found = f"{window['measured']}, {window['evidence']}"
+    if window["evidence"] == "unverified":
+        cure = "close other programs and turn off the compositor"
+        return [opened, _of_sessions("timing", Status.WARN, found, cure)]
     return [opened, _of_sessions("timing", Status.PASS, found)]

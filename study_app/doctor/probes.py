@@ -6,26 +6,23 @@ answer too.
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import re
 import signal
-import statistics
 import subprocess
 import sys
-import time
 import warnings
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from typing import Any
 
 import psutil
 
 from pipeline.errors import GLUnavailableError
+from protocols.errors import StudyError
 
 Answer = dict[str, Any]  # JSON; "error" holds the reason where there is no answer
-
-SWAPS = 40  # frames timed by `display`: 0.7 s at 60 Hz
 
 
 def ask(name: str, *, timeout_s: float = 60.0) -> Answer:
@@ -80,20 +77,20 @@ def display() -> Answer:
     if not glfw.init():
         _, reason = glfw.get_error()
         return {"error": plain_text(reason) or "no display"}
-    monitors = glfw.get_monitors()
     found: Answer = {
         "platform": window_system(),
-        "monitors": [_monitor(glfw, monitor) for monitor in monitors],
+        "monitors": [_monitor(glfw, monitor) for monitor in glfw.get_monitors()],
         "disturbers": disturbers(process.name() for process in psutil.process_iter(["name"])),
     }
     if found["platform"] == "X11":
         try:
-            with XServer() as server:
+            with closing(XServer()) as server:
                 found["compositor"] = server.has_compositor()
         except OSError as error:
             found["unasked"] = str(error)
-    found["window"] = _time_swaps(glfw) if monitors else {"error": "no monitor"}
     glfw.terminate()
+    if any(monitor["refresh_hz"] for monitor in found["monitors"]):
+        found["window"] = _window()
     return found
 
 
@@ -121,39 +118,23 @@ _DISTURBERS = re.compile(
 )
 
 
-def _time_swaps(glfw: Any) -> Answer:
-    from study_app.desktop.monitor import plain_text
+def _window() -> Answer:
+    """The session's own check of a display, in a window over the primary monitor."""
+    from study_app.desktop.display_check import check_display, shortfall, verdict
+    from study_app.desktop.monitor import monitor_display
+    from study_app.desktop.window import Window
+    from study_app.recorder import utc_now
 
-    for hint, value in (
-        (glfw.CONTEXT_VERSION_MAJOR, 3),
-        (glfw.CONTEXT_VERSION_MINOR, 3),
-        (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
-    ):
-        glfw.window_hint(hint, value)
-    window = glfw.create_window(64, 64, "metamerlab doctor", None, None)
-    if not window:
-        _, reason = glfw.get_error()
-        return {"error": plain_text(reason) or "no window with OpenGL 3.3"}
-    glfw.make_context_current(window)
-    glfw.swap_interval(1)
-
-    import moderngl
-
-    ctx = moderngl.create_context()
-    times_s = []
-    for _ in range(SWAPS):
-        ctx.clear()
-        glfw.swap_buffers(window)
-        ctx.finish()
-        times_s.append(time.perf_counter())
-        glfw.poll_events()
-    # The first swaps fill the driver's queue and return early.
-    intervals_s = [late - early for early, late in itertools.pairwise(times_s[8:])]
+    try:
+        with Window(monitor_display()) as window:
+            check = check_display(window, utc_now)
+    except StudyError as error:
+        return {"error": str(error)}
     return {
-        "renderer": str(ctx.info["GL_RENDERER"]),
-        "version": str(ctx.info["GL_VERSION"]),
-        "swap_median_s": statistics.median(intervals_s),
-        "swap_max_s": max(intervals_s),
+        "renderer": check.renderer,
+        "evidence": check.evidence,
+        "measured": dict(verdict(check, window.display))["measured"],
+        "late": shortfall(check),
     }
 
 

@@ -18,7 +18,7 @@ from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.attempt_record import _gaze_csv
 from study_app.conduct import conduct
-from study_app.desktop.sleep_watch import SleepWatch
+from study_app.desktop.desktop_watch import SleepWatch
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.source import GazeSample, SourceInfo
 from study_app.gaze.trusted import AHEAD_S, TrustedGaze
@@ -185,7 +185,7 @@ def test_samples_that_fall_or_are_no_numbers_cost_attempts_and_never_files(tmp_p
 
 def test_sleep_is_told_once_and_setting_the_wall_clock_is_none():
     awake, boot = [100.0], [250.0]
-    watch = SleepWatch(lambda: awake[0], lambda: boot[0])
+    watch = SleepWatch(lambda: boot[0] - awake[0])
     awake[0], boot[0] = 160.0, 310.0
     assert watch.slept_s() == 0.0
     boot[0] += 3600
