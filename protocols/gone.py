@@ -9,6 +9,8 @@ LAST_WITH_ALL = "5076b993 (version 0.3.0)"
 """The last revision that has everything named here."""
 
 INSTEAD: Mapping[str, str] = {
+    "analysis bayes": "fit decisions.csv with brms (R) or bambi (Python)",
+    "analysis.bayes": "fit decisions.csv with brms (R) or bambi (Python)",
     "analysis confidence": (
         "read decisions.csv, whose column confidence holds the steps, with metadpy (Python) or"
         " HMeta-d (R, MATLAB)"

@@ -74,7 +74,6 @@ LONGEST = (
     "tests/product/test_own_photographs.py",
     "tests/product/test_reproducibility_page.py",
 )
-JAX_SEEN: list[bool] = []
 WAITING = ("tests/presenter/", "tests/web/")
 STANDS_BACK = 5
 """Niceness of workers that compute."""
@@ -272,15 +271,6 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown() -> Generator[None, None, None]:
-    """Fail the test that reads JAX here: its threads and the forks of other tests hang together."""
-    yield
-    if sys.modules.get("jax") and not JAX_SEEN:
-        JAX_SEEN.append(True)
-        pytest.fail("this test imported JAX, which has threads: run it in a process of its own")
 
 
 def pytest_sessionfinish() -> None:

@@ -7,10 +7,8 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 import scipy
-from scipy.special import stdtrit
 
 from analysis.arrays import Floats
-from analysis.models.bayes_factor import binomial_bayes_factor, t_bayes_factor
 from analysis.models.clustered import (
     FEW_SCENES,
     ClusteredShare,
@@ -87,8 +85,6 @@ class ShareTest:
         Adjusted over the family of comparisons.
     t, df : float or None
         Of the clustered score test; None where participants agree.
-    bayes_factor : float
-        BF10 (default prior) of the t that so many participants need for this p.
     """
 
     name: str
@@ -96,7 +92,6 @@ class ShareTest:
     p_adjusted: float
     t: float | None
     df: float | None
-    bayes_factor: float
 
 
 @dataclass(frozen=True)
@@ -122,8 +117,6 @@ class Sensitivity:
         Participant-level sign-flip test, and the smallest p so many participants can give.
     exact_p, exact_lower, exact_upper : float
         Pooled exact binomial and Clopper-Pearson, as the papers; takes trials as independent.
-    bayes_factor_pooled : float
-        BF10 of all trials as independent, uniform prior.
     """
 
     sign_flip_p: float
@@ -131,7 +124,6 @@ class Sensitivity:
     exact_p: float
     exact_lower: float
     exact_upper: float
-    bayes_factor_pooled: float
 
 
 @dataclass(frozen=True)
@@ -205,8 +197,6 @@ ROW = (
     "odds_ratio",
     "odds_lower",
     "odds_upper",
-    "bayes_factor",
-    "bayes_factor_pooled",
     "margin",
     "equivalence_p",
     "equivalence_p_adjusted",
@@ -375,7 +365,6 @@ def preference(
             p_adjusted=p,
             t=judged.t,
             df=judged.df,
-            bayes_factor=judged.bayes_factor,
         ),
         equivalence=Equivalence(margin=margin, p=equivalence, p_adjusted=equivalence),
         sensitivity=Sensitivity(
@@ -384,7 +373,6 @@ def preference(
             exact_p=float(exact.pvalue),
             exact_lower=float(exact_limits.low),
             exact_upper=float(exact_limits.high),
-            bayes_factor_pooled=binomial_bayes_factor(wins, trials),
         ),
         verdict=_verdict(share, p, equivalence, alpha),
         warnings=tuple(notes),
@@ -402,7 +390,6 @@ class _Judged:
     t: float | None
     df: float | None
     effective_n: float
-    bayes_factor: float
     equivalence_p: float
     note: str
 
@@ -412,7 +399,7 @@ def _judged(
 ) -> _Judged:
     if estimate is None:
         test = "none: one participant"
-        return _Judged(1.0, 0.0, 1.0, test, None, None, 1.0, 1.0, 1.0, "")
+        return _Judged(1.0, 0.0, 1.0, test, None, None, 1.0, 1.0, "")
     clustered, independent, _ = (float(part) for part in estimate.p_parts())
     p = float(estimate.p_value())
     lower, upper = (float(end) for end in estimate.limits(1.0 - alpha))
@@ -426,8 +413,6 @@ def _judged(
             "answers differ less between participants and scenes than independent trials would:"
             " p and limits are those of independent trials, because such agreement can be luck"
         )
-    # One number for the evidence: the t of so many participants that has this very p.
-    t = -float(stdtrit(people - 1, 0.5 * max(p, 1e-300)))
     return _Judged(
         p=p,
         lower=lower,
@@ -436,7 +421,6 @@ def _judged(
         t=None if agree else float(estimate.score_t()),
         df=None if agree else float(estimate.df),
         effective_n=float(people if agree else estimate.effective_n),
-        bayes_factor=t_bayes_factor(t, people),
         equivalence_p=float(estimate.equivalence_p(margin)),
         note=note,
     )

@@ -69,7 +69,6 @@ TESTS = {
 }
 """Tests of a protocol: what a table calls them, and what they are."""
 
-_BF10 = Markup("BF<sub>10</sub>")
 Shares: TypeAlias = Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
 
 
@@ -268,7 +267,7 @@ def apa_preference(cell: Preference, plan: PreferencePlan, *, adjusted: bool) ->
         f" {share_range(found.lower, found.upper)}, {test},"
         f" {p_text(decided.p_adjusted if adjusted else decided.p)}{correction}, Cohen's h ="
         f" {found.cohens_h:.2f}, OR = {big(found.odds_ratio)} [{big(found.odds_lower)},"
-        f" {big(found.odds_upper)}], BF10 = {big(decided.bayes_factor)}."
+        f" {big(found.odds_upper)}]."
     )
     if cell.verdict == "equivalent":
         text += (
@@ -298,8 +297,7 @@ def _methods(plan: PreferencePlan) -> str:
         text += f". The primary comparison{declared} is not adjusted"
     return (
         f"{text}. Intervals invert the test (Wilson score intervals). Participant-level sign-flip"
-        " tests, pooled exact binomial tests, Bayes factors (Rouder et al., 2009, of the t with"
-        " this p, Cauchy prior of scale .707) and equivalence tests (two one-sided tests against"
+        " tests, pooled exact binomial tests and equivalence tests (two one-sided tests against"
         f" ±{share(plan.margin)}{', Holm-adjusted as well' * several}) are given beside."
     )
 
@@ -343,19 +341,14 @@ def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
         ("p adj.", "n", lambda c: p_number(c.test.p_adjusted)),
         ("h", "", lambda c: number(c.estimate.cohens_h)),
         ("OR", "n", lambda c: big(c.estimate.odds_ratio)),
-        (_BF10, "n", lambda c: big(c.test.bayes_factor)),
         ("Result", "l", lambda c: verdict(c, plan)),
     )
     yield Paragraph(
-        Markup(
-            "p adj. decides: p corrected for the number of comparisons. Limits leave out .5"
-            " exactly where p is small. t(df): clustered score test of the share against .5; p"
-            " is never smaller than that of independent trials, or of unanimous participants."
-            " h (Cohen): size of that distance, .2 small,"
-            " .5 medium, .8 large. OR: odds of choosing the first method, 1 at .5. {}: how many"
-            " times likelier the data are with a preference than without one; below 1/3 they"
-            " speak for none."
-        ).format(_BF10),
+        "p adj. decides: p corrected for the number of comparisons. Limits leave out .5"
+        " exactly where p is small. t(df): clustered score test of the share against .5; p"
+        " is never smaller than that of independent trials, or of unanimous participants."
+        " h (Cohen): size of that distance, .2 small,"
+        " .5 medium, .8 large. OR: odds of choosing the first method, 1 at .5.",
         muted=True,
     )
     yield TableBlock.each(
@@ -373,7 +366,6 @@ def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
             "n",
             lambda c: share_range(c.sensitivity.exact_lower, c.sensitivity.exact_upper),
         ),
-        (Markup("Pooled {}").format(_BF10), "n", lambda c: big(c.sensitivity.bayes_factor_pooled)),
     )
     yield Paragraph(
         "eff. n: so many independent trials would tell as much. Sign-flip: a test of the"

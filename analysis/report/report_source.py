@@ -127,7 +127,7 @@ def from_table(path: Path, given: TableSettings = TableSettings()) -> ReportSour
     if protocol is not None and given.told:
         raise StudyError("--set must be left out with --protocol, which says how to analyse")
     notes = ["imported table: no record of timing, gaze or exclusions can be checked"]
-    noted = read_note(path)
+    noted = read_note(path, notes)
     table = Table(path, where=given.where, command=BY_IMPORT)
     if protocol is not None:
         analysis = analysis_of(protocol.analysis.kind)

@@ -53,7 +53,7 @@ def share_range(lower: float, upper: float) -> str:
 
 
 def big(value: float) -> str:
-    """Return a Bayes factor, odds ratio or the like in at most four digits."""
+    """Return an odds ratio or the like in at most four digits."""
     if math.isnan(value):
         return NONE
     if value >= 1e4:

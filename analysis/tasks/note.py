@@ -13,6 +13,7 @@ from analysis.plans.table_settings import keys_of, said_of
 from analysis.tasks import analysis_of
 from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError, did_you_mean
+from protocols.gone import gone, without_gone
 from protocols.load import with_tuples
 from protocols.outside import json_bytes, parsed_json
 from protocols.study_file.problems import problems_of
@@ -33,8 +34,10 @@ def write_note(table: Path, told: Analysis) -> None:
     note_path(table).write_bytes(json_bytes(text + "\n"))
 
 
-def read_note(table: Path) -> Analysis | None:
+def read_note(table: Path, notes: list[str] | None = None) -> Analysis | None:
     """Return the settings in a table's note; None where there is no note.
+
+    A key that was removed since is ignored, which `notes` then says.
 
     Raises
     ------
@@ -57,9 +60,11 @@ def read_note(table: Path) -> Analysis | None:
             f"{path}: format must be {FORMAT} (got {found!r}, of another metamerlab); make it anew:"
             f" metamerlab analysis import {table} --task TASK --out FOLDER, or analysis tidy"
         )
-    return _checked(
-        kind, {key: with_tuples(value) for key, value in said.items()}, f"{path}: analysis"
-    )
+    kept, ignored = without_gone({"analysis": said})
+    if notes is not None:
+        notes += [f"{path.name}: {place} is ignored: it {gone(place)}" for place in ignored]
+    said = {key: with_tuples(value) for key, value in kept["analysis"].items()}
+    return _checked(kind, said, f"{path}: analysis")
 
 
 def options_from(kind: str, texts: Mapping[str, str], known: Analysis | None = None) -> Analysis:
@@ -105,6 +110,8 @@ def _checked(kind: str, values: Mapping[str, Any], place: str) -> Analysis:
     model = analysis_of(kind).options
     known = keys_of(model)
     for key in values:
+        if message := gone(f"analysis.{key}"):
+            raise StudyError(f"{place} {key}: {message}. Leave it out")
         if key not in known:
             raise StudyError(
                 f"{place}: must have keys of the analysis {kind!r} ({', '.join(known)})"

@@ -74,7 +74,7 @@ class PrimaryComparison(Model):
 class Preferences(Analysis):
     """Tests of preferences, whatever is compared."""
 
-    added_later: ClassVar[tuple[str, ...]] = (*Analysis.added_later, "bayes", "interaction")
+    added_later: ClassVar[tuple[str, ...]] = (*Analysis.added_later, "interaction")
 
     smallest_effect_rate: Annotated[float, Field(ge=1e-4, lt=0.5)] = 0.1
     """Smallest effect of interest: distance of the preference share from one half."""
@@ -82,8 +82,6 @@ class Preferences(Analysis):
     """Units whose variation the test accounts for."""
     correction: Literal["holm", "none"] = "holm"
     """Over all pairings and sizes except the primary comparison."""
-    bayes: bool = False
-    """Also give posteriors of every pairing, which the extra `bayes` samples."""
     interaction: Literal["size"] | None = None
     """Tests whether preferences differ between sizes, that of the primary comparison by itself.
     Default: not tested."""
@@ -144,7 +142,6 @@ class PreferenceAnalysis(Preferences):
             f"Other comparisons: correction {self.correction}.",
             "Smallest effect of interest: a preference rate"
             f" {self.smallest_effect_rate:g} from one half.",
-            *["Posteriors of every pairing are given as well."] * self.bayes,
             *[
                 f"Interaction: whether the preference of {primary.method} over {primary.against}"
                 " differs between sizes, as a difference of shares with clustered errors and as a"

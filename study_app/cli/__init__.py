@@ -61,7 +61,7 @@ _OLD_SPELLINGS: dict[tuple[str, ...], dict[str, str]] = {
     **{(name,): {"--method": "--methods"} for name in ("warp", "foveate", "live")},
     **{
         ("analysis", name): {"--confidence": "--coverage"}
-        for name in ("psychometric", "detection", "reaction", "ratings", "bayes")
+        for name in ("psychometric", "detection", "reaction", "ratings")
     },
 }
 """Of commands: what options were called before one thing had one name; no help shows it."""

@@ -6,7 +6,6 @@ import inspect
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
@@ -17,7 +16,6 @@ from rich.table import Table
 from analysis.plans.table_settings import (
     CurveTableSettings,
     DetectionTableSettings,
-    PreferenceTableSettings,
     RatingTableSettings,
     TimeTableSettings,
 )
@@ -80,12 +78,10 @@ def _question(
     keys: Sequence[str],
     only: Sequence[str] = (),
     needed: Sequence[str] = (),
-    also: Mapping[str, str] = MappingProxyType({}),
 ) -> Callable[[Callable[[], None]], Callable[..., None]]:
     """Make a command of a kind of analysis, whose options are keys of what a table is told.
 
-    `only` are the parts that answer the question; none: all of them. `also` are keys that the
-    question itself says.
+    `only` are the parts that answer the question; none: all of them.
     """
 
     def command(
@@ -105,7 +101,7 @@ def _question(
             if one is not None and one is not False and key not in several
         }
         texts = {key: "true" if one is True else str(one) for key, one in said.items()}
-        texts |= {**also, "alpha": f"{1.0 - coverage:.12g}"}
+        texts["alpha"] = f"{1.0 - coverage:.12g}"
         kind, how = str(told.model_fields["kind"].default), (columns, where, answer)
         for key, named in several.items():
             texts |= {f"{key}.{name}": one for name, one in pairs(f"--{key}", named).items()}
@@ -214,30 +210,12 @@ def ratings() -> None:
     """
 
 
-@_question(
-    PreferenceTableSettings,
-    ("method", "against", "smallest_effect_rate"),
-    ("bayes",),
-    also={"bayes": "true"},
-)
-def bayes() -> None:
-    """Compute posteriors of preferences: credible limits, equality, influence of the prior.
-
-    Needs participant, first, second, and chosen or chose_first, and scene if there are several. A
-    hierarchical logit model is sampled under three priors. Needs the extra `bayes`.
-
-    Example: metamerlab analysis bayes decisions.csv --method ours --smallest-effect-rate 0.1
-    --out posterior
-    """
-
-
 def register(app: typer.Typer) -> None:
     """Add the commands to the group `analysis`."""
     app.command()(psychometric)
     app.command()(detection)
     app.command()(reaction)
     app.command()(ratings)
-    app.command()(bayes)
 
 
 Told = tuple[list[str] | None, list[str] | None, str | None]

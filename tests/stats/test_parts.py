@@ -15,7 +15,6 @@ from markupsafe import escape
 from typer.testing import CliRunner
 from undrawn_reports import drawn_narrow, undrawn
 
-from analysis.models import preference_posterior
 from analysis.parts import Estimate, Part, Presentation, added, computed, estimates_of
 from analysis.report.write_report import report_decisions
 from analysis.tables.table import Table
@@ -40,7 +39,7 @@ REPORTS = {
     "abx": (*_RIGHT, "critical"),
     "ratings": ("ratings", "random_ratings", "learning", "times"),
     "preference": (
-        *("preferences", "leaving_out", "interaction", "choice_models", "random_effects", "bayes"),
+        *("preferences", "leaving_out", "interaction", "choice_models", "random_effects"),
         *("scale", "joint_scale", "strengths", "bias", "learning", "times"),
     ),
 }
@@ -53,7 +52,6 @@ COMMANDS = {
         ("curves", "thresholds", "stated_thresholds", "goodness", "psychometric"),
     ),
     ("detection", "--signal", "inconsistent"): ("detection", ("sensitivity", "typical")),
-    ("bayes", "--method", "ours", "--against", "blur"): ("preference", ("bayes",)),
 }
 SAID = {
     "times": {
@@ -125,14 +123,6 @@ SAID = {
         "methods": "Logit mixed models had",
         "tables": {"models.csv", "pairings.csv"},
         "figure": None,
-    },
-    "bayes": {
-        "section": "bayes",
-        "caption": "Posterior shares of choices over all sizes",
-        "sentence": "ours was chosen over blur with a share of",
-        "methods": "Posteriors of shares of choices are of a hierarchical logit model",
-        "tables": {"posteriors.csv"},
-        "figure": "posteriors",
     },
     "scale": {
         "section": "scale",
@@ -302,21 +292,6 @@ def check(folder, parts, page: str) -> None:
 def test_every_shipped_part_is_among_those_that_are_checked():
     shipped = {part.name for kind in ANALYSES for part in analysis_of(kind).parts}
     assert shipped == set(SAID)
-
-
-@pytest.fixture(autouse=True)
-def _sampled_without_numpyro(monkeypatch):
-    """Draws around the share of choices in place of chains, which the extra `bayes` runs."""
-
-    def draws(chosen, shown, priors, seed):
-        rng = np.random.default_rng(seed)
-        share = np.clip(rng.normal(chosen.sum() / shown.sum(), 0.05, 4000), 0.001, 0.999)
-        own = (np.log(share / (1 - share)), *np.abs(rng.normal(0.5, 0.1, (2, 4000))))
-        return (preference_posterior._Draws(share, *own, 1.0, 4000.0, 0),) * len(priors)
-
-    monkeypatch.setattr(preference_posterior, "_sampled", draws)
-    kind, options, make = TABLES["preference"]
-    monkeypatch.setitem(TABLES, "preference", (kind, options | {"bayes": True}, make))
 
 
 @pytest.mark.parametrize(

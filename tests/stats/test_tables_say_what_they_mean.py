@@ -545,7 +545,7 @@ def test_a_condition_that_cannot_be_is_refused(table, trials, condition, message
 
 def test_where_answer_and_map_are_options_of_every_command_on_tables(table, trials):
     path = table(trials)
-    for command in ("psychometric", "detection", "reaction", "ratings", "bayes", "import"):
+    for command in ("psychometric", "detection", "reaction", "ratings", "import"):
         words = ("--level", "level") if command == "psychometric" else ()
         words = (
             ("--out", path.parent / "x", "--task", "identification")

@@ -304,7 +304,7 @@ def test_one_thing_has_one_spelling_in_every_help(command, monkeypatch):
     assert "--participants" in said or "--methods" in said
 
 
-@pytest.mark.parametrize("name", ["psychometric", "detection", "reaction", "ratings", "bayes"])
+@pytest.mark.parametrize("name", ["psychometric", "detection", "reaction", "ratings"])
 def test_confidence_is_that_of_participants_and_limits_have_coverage(name, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     said = CliRunner().invoke(app, ["analysis", name, "--help"]).output

@@ -8,7 +8,6 @@ import pandas as pd
 
 from analysis.models.compared_methods import as_numbers, pairing_rows
 from analysis.parts import AnyPart
-from analysis.parts.bayes import BayesPart
 from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.interaction import PreferenceInteraction
@@ -49,7 +48,6 @@ class PreferenceOfPairs(TaskAnalysis[PreferencePlan]):
         PreferenceInteraction(),
         ChoiceModelsPart(),
         ChoiceEffects(ChoiceModelsPart()),
-        BayesPart(),
         ScalePart(),
         JointScalePart(),
         StrengthsPart(),

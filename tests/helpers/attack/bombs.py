@@ -423,7 +423,7 @@ def _listed(count: int) -> tuple[bytes, bytes, int, bytes]:
 def _tables() -> Iterator[Bomb]:
     lines = text("t.csv", _ANSWERS, ("a\n", _LINES))
     yield Bomb("csv of 9.9e6 lines, imported", lines, "analysis import t.csv --out o")
-    for command in ("detection", "ratings --by level", "bayes", "psychometric --level level",
+    for command in ("detection", "ratings --by level", "psychometric --level level",
                     "reaction --by level"):  # fmt: skip
         name, *options = command.split()
         words = f"analysis {name} t.csv {' '.join(options)}"

@@ -20,12 +20,10 @@ from analysis.models import scaling
 from analysis.models.diffusion import diffusion_by_condition
 from analysis.models.logistic import glm_logit, models_beside
 from analysis.models.ordinal import paired_ratings, rating_model
-from analysis.models.preference_posterior import BayesianPreference, Posterior, PriorCheck
 from analysis.models.psychometric import fit_psychometric
 from analysis.models.reaction import reaction_times
 from analysis.models.trends import trend
 from analysis.parts import computed
-from analysis.parts.bayes import apa_bayes
 from analysis.parts.learning import Learning, StepLearning, apa_trend
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.right_models import apa_term
@@ -273,21 +271,6 @@ def test_times_and_diffusion_of_one_person_have_no_limits():
     assert math.isfinite(means.means["drift"])
     assert np.isnan([means.lower["drift"], means.upper["boundary"]]).all()
     reaction_plot([times], {"all trials": [0.6]})
-
-
-def test_chains_that_disagree_give_no_posterior():
-    share = Posterior(0.7, 0.7, 0.1, 0.5, 0.8)
-    found = BayesianPreference(
-        "ours", "none", 0.1, 0.95, share, share, share, share, 0.97, 0.1, "preferred",
-        (PriorCheck("default", share, 0.1, "preferred"),), 40, 5, 4, 1.2, 30.0, 0, (),
-    )  # fmt: skip
-    written = as_json(found)
-
-    assert apa_bayes(found) == (
-        "How often ours is chosen over none is not identified by these data."
-    )
-    assert (written["share"], written["verdict"], written["sensitivity"]) == (None, None, None)
-    assert as_json(replace(found, r_hat=1.0, effective_draws=4000.0))["share"]["median"] == 0.7
 
 
 def test_a_scale_whose_fit_does_not_converge_has_no_scores(monkeypatch):

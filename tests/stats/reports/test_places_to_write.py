@@ -88,7 +88,7 @@ SLOW = [
     *(
         f"analysis {name} no-table.csv"
         for name in (
-            "reaction --by method", "detection", "ratings --by method", "bayes", "import", "report",
+            "reaction --by method", "detection", "ratings --by method", "import", "report",
             "psychometric --level level",
         )
     ),

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
+from analysis.tasks.note import options_from, read_note
 from protocols import gone
 from protocols.errors import StudyError
 from protocols.load import load_protocol, read_toml, shipped
@@ -63,3 +65,15 @@ def test_every_removed_part_says_what_to_do_instead():
     for words, instead in gone.INSTEAD.items():
         assert instead[0].islower(), words
         assert instead[-1] not in ".;", words
+
+
+def test_a_key_told_of_a_table_before_it_was_removed_is_ignored_with_a_note(tmp_path):
+    told = {"format": 2, "table": "t.csv", "analysis": {"kind": "preference", "bayes": True}}
+    (tmp_path / "t.json").write_text(json.dumps(told), encoding="utf-8")
+    notes: list[str] = []
+
+    assert read_note(tmp_path / "t.csv", notes).kind == "preference"
+    (note,) = notes
+    assert note.startswith("t.json: analysis.bayes is ignored: it was removed: fit decisions.csv")
+    with pytest.raises(StudyError, match=r"--set bayes: was removed: .* has it\. Leave it out"):
+        options_from("preference", {"bayes": "true"})
