@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -71,11 +70,6 @@ def control_characters(value: object, place: str = "") -> Iterator[Problem]:
     elif isinstance(value, list | tuple):
         for index, entry in enumerate(value):
             yield from control_characters(entry, f"{place}[{index}]")
-
-
-def open_new(path: str, flags: int) -> int:
-    """Open a file of a study that is written: nobody but its owner ever reads a secret."""
-    return os.open(path, flags, 0o600 if path.endswith(SECRET_SUFFIX) else 0o666)
 
 
 def _with_secret(study: StudyProtocol, path: Path) -> StudyProtocol:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import secrets
 import shlex
@@ -19,7 +20,7 @@ from typer.core import TyperCommand
 from protocols.disk.result_folder import whole_folder, without_links
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.load import load_display, open_new
+from protocols.load import SECRET_SUFFIX, load_display
 from protocols.study_file.new_study import FOLDERS, FOVEATED, PARTS, study_files
 from protocols.study_file.own_stimuli import OwnScene, OwnStimuli
 from protocols.units import NAME_IN_WORDS, NAME_LENGTH, NAME_PATTERN
@@ -385,6 +386,11 @@ def _own_scenes(
 
 def _say_of(report: Callable[[int, int, str], None], what: str, done: int, total: int) -> None:
     report(done, total, what)
+
+
+def open_new(path: str, flags: int) -> int:
+    """Open a file of a study that is written: nobody but its owner ever reads a secret."""
+    return os.open(path, flags, 0o600 if path.endswith(SECRET_SUFFIX) else 0o666)
 
 
 def study_name(name: str, where: str, cure: str) -> str:
