@@ -2,7 +2,8 @@
 # shellcheck shell=bash
 #
 # prepare: system packages, .venv and the locked Python packages, each only
-# where something is missing. Says on stderr what it does; silent otherwise.
+# where something is missing; `prepare tests` also what only tests and development need.
+# Says on stderr what it does; silent otherwise.
 # With CI=true, or once they were asked for here, also the extras `metrics` and `docs` and the TOOLS;
 # the other EXTRAS once `script/setup --NAME` was run.
 
@@ -10,13 +11,17 @@ set -euo pipefail
 
 ROOT=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 VENV="$ROOT/.venv"
-LOCK="$ROOT/requirements.lock"
-EXTRAS="metrics metamers denoise docs" # requirements-NAME.txt and .lock; without torch one of them
-ASKED_EXTRA=""                          # script/setup --NAME, script/docs
+LOCK="$ROOT/requirements.lock"              # what metamerlab itself needs
+SETUP_LOCK="$ROOT/requirements-setup.lock"  # uv and pip, which install these
+EXTRAS="test metrics metamers denoise docs" # requirements-NAME.lock and .txt
+ASKED_EXTRA=""                              # script/setup --NAME, script/docs
+FOR_TESTS=""                                # prepare tests
+PYTHON_FOUND=""                             # only where .venv has to be made
 MINIMUM_PYTHON=3.11
+SYSTEM_PYTHON=${SYSTEM_PYTHON:-/usr/bin/python3} # the tests of this file have another
 
-# Packages that a Debian or Ubuntu machine needs beside Python, and how any other system
-# can be asked for it: a library (lib:), a command (cmd:) or nothing (-).
+# Packages that a Debian or Ubuntu machine needs beside Python, and how any other system can be
+# asked for it: a library (lib:), a command (cmd:) or nothing (-). Tests need a screen, too.
 SYSTEM_PACKAGES="
 libegl1             lib:libEGL.so.1
 libegl-mesa0        -
@@ -24,6 +29,8 @@ libgl1              lib:libGL.so.1
 libgl1-mesa-dri     -
 libfribidi0         lib:libfribidi.so.0
 fonts-dejavu-core   -
+"
+SCREEN_PACKAGES="
 xvfb                cmd:Xvfb
 xauth               cmd:xauth
 xdotool             cmd:xdotool
@@ -67,9 +74,21 @@ is_new_enough() {
     "$1" -I -c "import sys; sys.exit(sys.version_info < (${MINIMUM_PYTHON/./, }))" 2>/dev/null
 }
 
-# Sets PYTHON_FOUND: $PYTHON where the user names one, else the first that is new enough.
+# Milliseconds that a Python takes for a loop: those of the same version differ by a factor of two.
+loop_ms() {
+    "$1" -I -c 'import time
+def loop():
+    start, total = time.process_time(), 0
+    for number in range(300_000):
+        total += number * number
+    return time.process_time() - start
+print(round(1000 * min(loop() for _ in range(3))))' 2>/dev/null
+}
+
+# Sets PYTHON_FOUND: $PYTHON where the user names one, else the first of those that are new enough
+# which is about as fast as the fastest.
 find_python() {
-    local candidate
+    local candidate found ms least=0 known=" "
     if [[ -n ${PYTHON:-} ]]; then
         command -v -- "$PYTHON" >/dev/null ||
             stop "PYTHON=$PYTHON: no such program; name a Python $MINIMUM_PYTHON or newer"
@@ -78,9 +97,18 @@ find_python() {
         PYTHON_FOUND=$(command -v -- "$PYTHON")
         return
     fi
-    for candidate in python3 python3.14 python3.13 python3.12 python3.11; do
-        if command -v "$candidate" >/dev/null && is_new_enough "$candidate"; then
-            PYTHON_FOUND=$(command -v "$candidate")
+    local -a places=() times=()
+    for candidate in python3 "$SYSTEM_PYTHON" python3.14 python3.13 python3.12 python3.11; do
+        if ! found=$(command -v "$candidate") || [[ $known == *" $found "* ]]; then continue; fi
+        known+="$found "
+        if ms=$(is_new_enough "$found" && loop_ms "$found"); then
+            places+=("$found") times+=("$ms")
+            if ((least == 0 || ms < least)); then least=$ms; fi
+        fi
+    done
+    for candidate in "${!places[@]}"; do
+        if ((4 * times[candidate] <= 5 * least)); then
+            PYTHON_FOUND=${places[candidate]}
             return
         fi
     done
@@ -90,10 +118,30 @@ find_python() {
 Install one, or name it: PYTHON=/path/to/python3.12 script/setup"
 }
 
-# Prints the package that gives this Python `venv`, if it lacks it (Debian splits it off).
+# Prints a Python whose pip can install into another environment.
+python_with_pip() {
+    local candidate
+    for candidate in "$PYTHON_FOUND" python3 "$SYSTEM_PYTHON"; do
+        if env -u PYTHONHOME -u PYTHONPATH "$candidate" -m pip --python "$candidate" --version \
+            >/dev/null 2>&1; then
+            printf '%s\n' "$candidate"
+            return
+        fi
+    done
+}
+
+# Prints the package that lets this Python make an environment with pip (Debian splits it off), if
+# it needs it: not where a pip is at hand.
 missing_venv_package() {
+    [[ -n $PYTHON_FOUND && -z $(python_with_pip) ]] || return 0
     "$PYTHON_FOUND" -I -c 'import ensurepip, venv' 2>/dev/null && return
     "$PYTHON_FOUND" -I -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])'
+}
+
+# Prints the packages of a Debian machine, a line each, with how another system can be asked.
+system_packages() {
+    printf '%s\n' "$SYSTEM_PACKAGES"
+    if wants_extra test; then printf '%s\n' "$SCREEN_PACKAGES"; fi
 }
 
 # Prints the TOOLS whose commands are not here; those that have none as they are.
@@ -108,7 +156,7 @@ wanted_tools() {
 
 missing_debian_packages() {
     local names installed name
-    names=$(awk 'NF { print $1 }' <<<"$SYSTEM_PACKAGES")
+    names=$(system_packages | awk 'NF { print $1 }')
     if wants_tools; then names+=$'\n'$(wanted_tools); fi
     # shellcheck disable=SC2086  # one word per package
     installed=$(dpkg-query -W -f='${db:Status-Status} ${Package}\n' $names 2>/dev/null |
@@ -124,10 +172,10 @@ missing_capabilities() {
     while read -r name probe; do
         case $probe in
             cmd:*) command -v "${probe#cmd:}" >/dev/null || say "  the command ${probe#cmd:} (Debian: $name)" ;;
-            lib:*) "$PYTHON_FOUND" -I -c "import ctypes; ctypes.CDLL('${probe#lib:}')" 2>/dev/null ||
+            lib:*) "${PYTHON_FOUND:-$VENV/bin/python}" -I -c "import ctypes; ctypes.CDLL('${probe#lib:}')" 2>/dev/null ||
                 say "  the library ${probe#lib:} (Debian: $name)" ;;
         esac
-    done <<<"$SYSTEM_PACKAGES"
+    done <<<"$(system_packages)"
     if [[ -n $(missing_venv_package) ]]; then
         say "  the modules venv and ensurepip of $PYTHON_FOUND"
     fi
@@ -187,32 +235,80 @@ is_ready() {
 # Settings of the user's pip that would install elsewhere are left aside; where
 # packages come from (indexes, proxies, certificates) stays the user's.
 pip_here() {
+    local into=("$VENV/bin/python" -m pip)
+    "$VENV/bin/python" -I -c 'import pip' 2>/dev/null ||
+        into=("$(python_with_pip)" -m pip --python "$VENV/bin/python")
     env -u PIP_USER -u PIP_TARGET -u PIP_PREFIX -u PIP_ROOT -u PYTHONHOME -u PYTHONPATH \
-        "$VENV/bin/python" -m pip --disable-pip-version-check --no-input "$@"
+        "${into[@]}" --disable-pip-version-check --no-input "$@"
+}
+
+# Prints what pip is told by the name $1, in variables before files.
+told_pip() {
+    awk -F = -v name="$1" -v quote="'" '
+        { place = $1; value = substr($0, length($1) + 2); gsub("^" quote "|" quote "$", "", value)
+          rank = place == ":env:." name ? 3 : place == "install." name ? 2 : place == "global." name }
+        rank > best { best = rank; found = value }
+        END { if (best) print found }' <<<"$PIP_TOLD"
+}
+
+# uv, which is asked for packages where the user's pip would ask.
+uv_here() {
+    local name value settings=(UV_INDEX_STRATEGY=unsafe-best-match UV_LINK_MODE=copy)
+    PIP_TOLD=${PIP_TOLD:-$(pip_here config list 2>/dev/null)}
+    while read -r name value; do
+        value=$(told_pip "$value")
+        if [[ -n $value ]]; then settings+=("$name=$value"); fi
+    done <<<"UV_DEFAULT_INDEX index-url
+UV_INDEX extra-index-url
+UV_FIND_LINKS find-links
+UV_INSECURE_HOST trusted-host
+SSL_CERT_FILE cert
+ALL_PROXY proxy
+UV_HTTP_TIMEOUT default-timeout"
+    env -u PYTHONHOME -u PYTHONPATH "${settings[@]}" "$VENV/bin/uv" --no-config --no-progress "$@" \
+        --python "$VENV/bin/python"
+}
+
+# Installs by uv, in seconds; by pip, in minutes, where uv is not there or fails.
+add_packages() {
+    if [[ -x $VENV/bin/uv ]]; then
+        if quietly uv_here pip install "$@"; then return; fi
+        say "pip is tried in place of uv"
+    fi
+    quietly pip_here install --no-user --no-compile "$@"
+}
+
+make_environment() {
+    local without_pip=()
+    [[ -n $PYTHON_FOUND ]] || find_python
+    say "Making the virtual environment .venv with $("$PYTHON_FOUND" -V) ($PYTHON_FOUND)"
+    if [[ -n $(python_with_pip) ]]; then without_pip=(--without-pip); fi
+    quietly "$PYTHON_FOUND" -I -m venv --clear "${without_pip[@]}" "$VENV"
+    touch -- "$VENV/metamerlab-unfinished" # gone only when all is done: else start over
+    quietly pip_here install --no-user --no-compile --require-hashes --only-binary :all: \
+        -r "$SETUP_LOCK" || say "uv is not to be had; pip takes its place, which takes minutes"
 }
 
 install_python_packages() {
     local unfinished="$VENV/metamerlab-unfinished"
     rm -f -- "$VENV/metamerlab-stamp"
-    if [[ -e $unfinished ]] || ! venv_is_usable ||
-        ! "$VENV/bin/python" -I -c 'import pip' 2>/dev/null; then
-        say "Making the virtual environment .venv with $("$PYTHON_FOUND" -V)"
-        quietly "$PYTHON_FOUND" -I -m venv --clear "$VENV"
+    if [[ -e $unfinished ]] || ! venv_is_usable; then
+        make_environment
     fi
-    touch -- "$unfinished" # gone only when all is done: else start over
-    say "Installing the locked Python packages into .venv (1.2 GB; minutes on a fresh machine)"
-    quietly pip_here install --no-user --no-compile --require-hashes --only-binary :all: -r "$LOCK"
-    quietly pip_here install --no-user --no-deps --no-index --no-build-isolation \
-        --editable "$ROOT"
+    touch -- "$unfinished"
+    say "Installing the locked Python packages into .venv (600 MB)"
+    add_packages --require-hashes --only-binary :all: -r "$LOCK"
+    add_packages --no-deps --no-index --no-build-isolation --editable "$ROOT"
     rm -f -- "$unfinished"
     wanted_stamp >"$VENV/metamerlab-stamp.new"
     mv -- "$VENV/metamerlab-stamp.new" "$VENV/metamerlab-stamp" # last: all or nothing
 }
 
-# The extras `metrics` and `docs` are wanted by CI, all by whoever asks for them, or did here before.
+# What tests need, `metrics` and `docs` are wanted by CI, all by whoever asks for them, or did here
+# before.
 wants_extra() {
-    [[ $1 == "$ASKED_EXTRA" || -e $VENV/metamerlab-$1 ]] ||
-        [[ ${CI:-} == true && ($1 == metrics || $1 == docs) ]]
+    [[ $1 == "$ASKED_EXTRA" || -e $VENV/metamerlab-$1 || ($1 == test && -n $FOR_TESTS) ]] ||
+        [[ ${CI:-} == true && $1 =~ ^(test|metrics|docs)$ ]]
 }
 
 wanted_extra_stamp() {
@@ -227,37 +323,31 @@ has_extra() {
 # Prints the versions of a file with hashes, without the hashes.
 pins_of() { awk '/^[A-Za-z0-9]/ { sub(/ *\\$/, ""); print }' "$1"; }
 
-# All but torch has one build and is held to its hashes. The locked versions stay as they are: pip is
-# told of them as constraints. Which build of torch comes, for CPU or GPU, is decided by where pip
-# looks (PIP_EXTRA_INDEX_URL).
+# All but torch has one build and is held to its hashes. The locked versions stay as they are: the
+# installer is told of them as constraints. Which build of torch comes, for CPU or GPU, is decided
+# by where pip looks (PIP_EXTRA_INDEX_URL).
 install_extra() {
-    local name=$1 locked="$VENV/metamerlab-locked.txt"
-    pins_of "$LOCK" >"$locked"
-    local size="torch: some 200 MB, several GB with CUDA"
-    [[ -f $ROOT/requirements-$name.txt ]] || size="Mitsuba: 200 MB"
-    say "Installing the extra $name ($size)"
-    quietly pip_here install --no-user --no-compile --prefer-binary --require-hashes --no-deps \
-        -r "$ROOT/requirements-$name.lock"
-    [[ ! -f $ROOT/requirements-$name.txt ]] ||
-        quietly pip_here install --no-user --no-compile --prefer-binary --constraint "$locked" \
-            -r "$ROOT/requirements-$name.txt"
+    local name=$1 locked="$VENV/metamerlab-locked.txt" size
+    case $name in
+        test) size="340 MB" ;;
+        docs) size="60 MB" ;;
+        denoise) size="Mitsuba: 200 MB" ;;
+        *) size="torch: some 200 MB, several GB with CUDA" ;;
+    esac
+    say "Installing what is needed for $name ($size)"
+    for file in "$ROOT/requirements-$name".{lock,txt}; do
+        if [[ ! -e $file ]]; then continue; fi
+        if [[ $name == test || $name == docs ]]; then
+            add_packages --require-hashes --no-deps --only-binary :all: -r "$file"
+        elif [[ $file == *.lock ]]; then # what metrics need comes as a source, too
+            add_packages --require-hashes --no-deps -r "$file"
+        else
+            pins_of "$LOCK" >"$locked"
+            add_packages --constraint "$locked" -r "$file"
+        fi
+    done
     wanted_extra_stamp "$name" >"$VENV/metamerlab-$name.new"
     mv -- "$VENV/metamerlab-$name.new" "$VENV/metamerlab-$name"
-}
-
-# Pinned with hashes and agreeing with the lock: these packages are the same everywhere.
-install_docs() {
-    say "Installing the extra docs (Sphinx: 60 MB)"
-    quietly pip_here install --no-user --no-compile --require-hashes --only-binary :all: \
-        -r "$ROOT/requirements-docs.txt"
-    wanted_extra_stamp docs >"$VENV/metamerlab-docs.new"
-    mv -- "$VENV/metamerlab-docs.new" "$VENV/metamerlab-docs"
-}
-
-# What pip would do file by file, on all processors: it takes as long as to unpack them. Some files
-# that packages bring are no Python of this version.
-compile_packages() {
-    "$VENV/bin/python" -I -m compileall -q -j 0 "$VENV/lib" >/dev/null 2>&1 || true
 }
 
 # The tools are wanted by CI, by whoever asks for them, or did here before.
@@ -290,9 +380,12 @@ has_wanted_extras() {
     done
 }
 
+# prepare [tests]
 prepare() {
+    local wanted name tools
     cd -- "$ROOT"
-    find_python
+    FOR_TESTS=${1:-}
+    if [[ -n ${PYTHON:-} ]] || ! venv_is_usable; then find_python; fi
     need_system_packages
     is_ready && has_wanted_extras && return
     (
@@ -309,10 +402,8 @@ prepare() {
         fi
         is_ready || install_python_packages
         for name in $wanted; do
-            if has_extra "$name"; then continue; fi
-            if [[ $name == docs ]]; then install_docs; else install_extra "$name"; fi
+            has_extra "$name" || install_extra "$name"
         done
-        compile_packages
         if [[ -n $tools ]]; then
             wait "$tools"
             wanted_tools_stamp >"$VENV/metamerlab-tools.new"

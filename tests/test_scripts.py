@@ -12,20 +12,35 @@ import pytest
 # Real programs that the scripts may use; nothing else of this machine is on their PATH.
 TOOLS = (
     *("awk", "bash", "cat", "cp", "dirname", "env", "flock", "grep", "id", "mkdir", "mktemp"),
-    *("mv", "rm", "sha256sum", "sort", "tail", "touch", "tr"),
+    *("mv", "rm", "sed", "sha256sum", "sort", "tail", "touch", "tr"),
 )
 
+# uv, which says what it was asked, and of where; and fails when told to.
+FAKE_UV = """#!/bin/bash
+from="index=$UV_DEFAULT_INDEX also=$UV_INDEX links=$UV_FIND_LINKS cert=$SSL_CERT_FILE"
+echo "uv $* $from" >>"$MACHINE/log"
+[[ ! -e $MACHINE/fail-uv ]] || { echo "uv cannot"; exit 1; }
+"""
 # A Python that is new enough, makes a "virtual environment" of itself, and whose pip
-# installs nothing but says what it was asked, and fails or dies when told to.
+# installs nothing but uv and says what it was asked, and fails or dies when told to.
 FAKE_PYTHON = """#!/bin/bash
 case "$*" in
     *version_info\\ \\<*) exit "$(cat "$MACHINE/too-old" 2>/dev/null || echo 0)" ;;
+    *process_time*) cat "$MACHINE/loop-ms-${0##*/}" 2>/dev/null || echo 20 ;;
     -V) echo "Python 3.12.1" ;;
-    *"-m venv"*) echo venv >>"$MACHINE/log"
+    *"-m venv"*) echo "${@: 2:$# - 2}" | sed 's/-m //' >>"$MACHINE/log"
         dir=${@: -1}; rm -rf "$dir"; mkdir -p "$dir/bin"; cp "$0" "$dir/bin/python" ;;
+    *"import pip"*) [[ -e ${0%/*}/pip ]] ;;
+    *"-m pip"*--version) [[ ! -e $MACHINE/no-pip ]] ;;
+    *"-m pip"*"config list") cat "$MACHINE/pip-settings" 2>/dev/null ;;
     *"-m pip"*) echo "pip $*" >>"$MACHINE/log"
         [[ ! -e $MACHINE/kill-pip ]] || kill -KILL "$PPID"
-        [[ ! -e $MACHINE/fail-pip ]] || { echo "no network"; exit 1; } ;;
+        [[ ! -e $MACHINE/fail-pip ]] || { echo "no network"; exit 1; }
+        if [[ $* == *requirements-setup.lock ]]; then
+            [[ ! -e $MACHINE/no-uv ]] || { echo "no uv"; exit 1; }
+            cp "$MACHINE/uv" "$MACHINE/metamerlab/.venv/bin/uv"
+            touch "$MACHINE/metamerlab/.venv/bin/pip"
+        fi ;;
     *ensurepip*) [[ ! -e $MACHINE/no-venv ]] ;;
     *sys.version_info*) echo python3.12-venv ;;
     *ctypes*) exit 1 ;;
@@ -44,7 +59,11 @@ class Machine:
         (self.home / "script").mkdir(parents=True)
         for name in ("lib.sh", "setup"):
             shutil.copy(repository / "script" / name, self.home / "script" / name)
-        (self.home / "requirements.lock").write_text("numpy==2 \\\n    --hash=sha256:0\n")
+        for name in ("requirements", "requirements-test", "requirements-setup"):
+            lock = "numpy==2 \\\n    --hash=sha256:0\n"
+            (self.home / f"{name}.lock").write_text(lock)
+        (root / "uv").write_text(FAKE_UV)
+        (root / "uv").chmod(0o755)
         for extra in ("metrics", "metamers", "denoise", "docs"):
             if extra != "denoise":
                 (self.home / f"requirements-{extra}.txt").write_text("torch==2\n")
@@ -86,7 +105,13 @@ class Machine:
     def setup(self, *arguments: str, **env: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [self.bin / "bash", self.home / "script/setup", *arguments],
-            env={"PATH": str(self.bin), "MACHINE": str(self.root), "TMPDIR": str(self.root), **env},
+            env={
+                "PATH": str(self.bin),
+                "MACHINE": str(self.root),
+                "TMPDIR": str(self.root),
+                "SYSTEM_PYTHON": "/nowhere/python3",
+                **env,
+            },
             capture_output=True,
             text=True,
             timeout=60,
@@ -110,15 +135,78 @@ def machine(tmp_path, repository):
 def test_a_fresh_machine_is_set_up_and_then_left_alone(machine):
     first = machine.setup()
     assert first.returncode == 0, first.stderr
-    asked = machine.log()
-    assert asked[0] == "venv"
-    assert "--require-hashes" in asked[1]
-    assert asked[2].endswith(f"--editable {machine.home}")
+    made, tools, packages, own = machine.log()
+    assert made == "venv --clear --without-pip"
+    for asked in (tools, packages):
+        assert "--require-hashes --only-binary :all: -r" in asked
+    assert tools.endswith(f"{machine.home}/requirements-setup.lock")
+    assert packages.startswith("uv ")
+    assert f"-r {machine.home}/requirements.lock " in packages
+    assert own.startswith("uv ")
+    assert f"--no-build-isolation --editable {machine.home} " in own
 
     second = machine.setup()
 
     assert (second.returncode, second.stdout, second.stderr) == (0, "", "")
     assert machine.log() == []
+
+
+def test_what_tests_need_comes_beside_it_and_stays_wanted(machine):
+    machine.debian(missing="xvfb")
+    assert machine.setup().returncode == 0
+    assert not any(line.startswith("apt-get") for line in machine.log())
+
+    assert machine.setup("--test").returncode == 0
+    log = machine.log()
+    assert any(" xvfb " in line for line in log if line.startswith("apt-get"))
+    assert f"-r {machine.home}/requirements-test.lock " in log[-1]
+    machine.debian()
+    assert (machine.setup().stderr, machine.log()) == ("", [])
+
+
+@pytest.mark.parametrize("accident", ["no-uv", "fail-uv"])
+def test_pip_takes_the_place_of_uv(machine, accident):
+    (machine.root / accident).touch()
+
+    done = machine.setup()
+
+    assert done.returncode == 0, done.stderr
+    asked = [line for line in machine.log() if line.startswith("pip")]
+    assert any(line.endswith(f"-r {machine.home}/requirements.lock") for line in asked)
+    assert asked[-1].endswith(f"--editable {machine.home}")
+    assert "pip" in done.stderr
+    assert machine.setup().stderr == ""
+
+
+def test_uv_asks_where_the_users_pip_asks(machine):
+    (machine.root / "pip-settings").write_text(
+        "global.index-url='https://lab.example/simple'\nglobal.cert='/etc/lab.pem'\n"
+        ":env:.cert='/etc/mine.pem'\ninstall.find-links='/opt/wheels'\n"
+        "global.find-links='/elsewhere'\nglobal.extra-index-url='https://a.example https://b.example'\n"
+    )
+    machine.setup()
+
+    for line in machine.log()[2:]:
+        assert line.endswith(
+            "index=https://lab.example/simple also=https://a.example https://b.example"
+            " links=/opt/wheels cert=/etc/mine.pem"
+        )
+
+
+def test_the_fastest_python_is_taken_and_named(machine):
+    machine.fake("python3.13", FAKE_PYTHON.replace("3.12.1", "3.13.0"))
+    for name, ms in (("python3", "52"), ("python3.13", "31")):
+        (machine.root / f"loop-ms-{name}").write_text(ms)
+
+    assert f"Python 3.13.0 ({machine.bin}/python3.13)" in machine.setup().stderr
+
+
+def test_a_python_that_is_hardly_faster_does_not_replace_the_users_own(machine):
+    machine.fake("python3.13", FAKE_PYTHON.replace("3.12.1", "3.13.0"))
+    for name, ms in (("python3", "37"), ("python3.13", "31")):
+        (machine.root / f"loop-ms-{name}").write_text(ms)
+
+    assert f"Python 3.12.1 ({machine.bin}/python3)" in machine.setup().stderr
 
 
 @pytest.mark.parametrize("name", ["requirements.lock", "pyproject.toml"])
@@ -128,7 +216,7 @@ def test_a_changed_lock_or_project_is_installed_into_the_same_environment(machin
     (machine.home / name).write_text("changed\n")
 
     assert machine.setup().returncode == 0
-    assert [line.split()[0] for line in machine.log()] == ["pip", "pip"]
+    assert [line.split()[0] for line in machine.log()] == ["uv", "uv"]
 
 
 @pytest.mark.parametrize(
@@ -147,17 +235,19 @@ def test_extras_come_when_asked_for_and_stay_wanted(machine, extra, arguments, e
     assert machine.setup(*arguments, **env).returncode == 0
     log = machine.log()
     assert log.count("npm ci") == ("CI" in env)  # beside pip
-    hashed, *more = (line for line in log if line != "npm ci")
+    lines = [line for line in log if line.startswith("uv")]
+    (hashed,) = (line for line in lines if f"/requirements-{extra}.lock" in line)
     assert "--require-hashes --no-deps" in hashed
-    assert hashed.endswith(f"-r {machine.home}/requirements-{extra}.lock")
     endings = ["lock"] if extra == "denoise" else ["txt", "lock"]  # no torch: no second call
     if "txt" in endings:
-        asked, *more = more
-        assert asked.endswith(f"-r {machine.home}/requirements-{extra}.txt")
+        (asked,) = (line for line in lines if f"/requirements-{extra}.txt" in line)
         assert "--constraint" in asked
-    others = ["requirements-docs.txt"] if "CI" in env else []
-    assert [line.rpartition("/")[2] for line in more] == others
-    assert (machine.home / ".venv/metamerlab-locked.txt").read_text() == "numpy==2\n"
+    others = {"requirements-docs.txt", "requirements-test.lock"} if "CI" in env else set()
+    assert {name for name in others if any(f"/{name} " in line for line in lines)} == others
+    assert len(lines) == len(endings) + len(others)
+    if "txt" in endings:
+        locked = machine.home / ".venv/metamerlab-locked.txt"
+        assert locked.read_text() == "numpy==2\n"
     assert (machine.setup().stderr, machine.log()) == ("", [])
 
     for ending in endings:
@@ -188,11 +278,11 @@ def test_the_extra_docs_stays_wanted_and_is_held_to_its_hashes(machine):
     assert machine.setup().returncode == 0
     (asked,) = machine.log()
     assert "--require-hashes" in asked
-    assert asked.endswith("requirements-docs.txt")
+    assert "requirements-docs.txt " in asked
     assert (machine.setup().stderr, machine.log()) == ("", [])
     (machine.home / ".venv/bin/python").unlink()
     assert machine.setup().returncode == 0
-    assert machine.log()[-1].endswith("requirements-docs.txt")
+    assert "requirements-docs.txt " in machine.log()[-1]
 
 
 @pytest.mark.parametrize("extra", ["metrics", "metamers", "denoise"])
@@ -203,7 +293,7 @@ def test_extras_survive_a_new_environment(machine, extra):
 
     assert machine.setup().returncode == 0
     ending = "lock" if extra == "denoise" else "txt"
-    assert machine.log()[-1].endswith(f"requirements-{extra}.{ending}")
+    assert f"/requirements-{extra}.{ending} " in machine.log()[-1]
 
 
 def test_tools_come_when_asked_for_and_with_each_new_lock(machine):
@@ -251,7 +341,7 @@ def test_an_interrupted_set_up_is_made_again(machine, accident):
     (machine.root / accident).unlink()
 
     assert machine.setup().returncode == 0
-    assert machine.log()[0] == "venv"
+    assert machine.log()[0].startswith("venv")
     assert machine.setup().stderr == ""
 
 
@@ -267,7 +357,7 @@ def test_a_moved_repository_is_set_up_again(machine):
     machine.home = machine.home.rename(machine.root / "elsewhere")
 
     assert machine.setup().returncode == 0
-    assert machine.log()[-1].endswith(f"--editable {machine.home}")
+    assert f"--editable {machine.home} " in machine.log()[-1]
 
 
 def test_an_environment_whose_python_is_gone_is_made_again(machine):
@@ -276,13 +366,13 @@ def test_an_environment_whose_python_is_gone_is_made_again(machine):
     (machine.home / ".venv/bin/python").unlink()
 
     assert machine.setup().returncode == 0
-    assert machine.log()[0] == "venv"
+    assert machine.log()[0].startswith("venv")
 
 
 def test_only_missing_packages_are_installed_and_nothing_is_asked(machine):
     machine.debian(missing="xvfb libegl1")
 
-    assert machine.setup().returncode == 0
+    assert machine.setup("--test").returncode == 0
     system = [line for line in machine.log() if line.startswith(("apt-get", "dpkg", "sudo"))]
     assert [line.partition(" -o ")[0].split()[0] for line in system] == ["dpkg", *["apt-get"] * 2]
     assert " update " in system[1]
@@ -291,7 +381,8 @@ def test_only_missing_packages_are_installed_and_nothing_is_asked(machine):
 
 
 def test_a_python_without_venv_gets_its_own_package(machine):
-    (machine.root / "no-venv").touch()
+    for name in ("no-venv", "no-pip"):
+        (machine.root / name).touch()
 
     machine.setup()
 
@@ -301,7 +392,7 @@ def test_a_python_without_venv_gets_its_own_package(machine):
 def test_without_root_the_missing_packages_are_named_and_nothing_is_done(machine):
     machine.debian(missing="xvfb libegl1", root=False)
 
-    done = machine.setup()
+    done = machine.setup("--test")
 
     assert done.returncode == 2
     assert "sudo apt-get install --yes --no-install-recommends libegl1 xvfb\n" in done.stderr
@@ -314,7 +405,7 @@ def test_another_system_is_told_what_is_missing(machine):
     for name in ("Xvfb", "xauth", "openbox"):
         machine.fake(name, "#!/bin/bash\n")
 
-    done = machine.setup()
+    done = machine.setup("--test")
 
     assert done.returncode == 2
     assert "the command xdotool (Debian: xdotool)" in done.stderr
@@ -345,7 +436,7 @@ def test_another_python_that_is_named_replaces_the_environment(machine):
     machine.fake("python3.13", FAKE_PYTHON.replace("Python 3.12.1", "Python 3.13.0"))
 
     assert machine.setup(PYTHON="python3.13").returncode == 0
-    assert machine.log()[0] == "venv"
+    assert machine.log()[0].startswith("venv")
     assert machine.setup(PYTHON="python3.13").stderr == ""
 
 
@@ -375,5 +466,5 @@ def test_settings_that_install_elsewhere_are_left_aside(machine):
 def test_every_command_sets_up_first(repository, name):
     text = (repository / "script" / name).read_text(encoding="utf-8")
 
-    assert "\nprepare\n" in text
+    assert "\nprepare\n" in text or "\nprepare tests\n" in text
     assert os.access(repository / "script" / name, os.X_OK)
