@@ -63,7 +63,9 @@ class Cache:
             error_map = None
             if raw["has_map"]:
                 data = (self.folder / f"{key}.npy").read_bytes()
-                error_map = np.load(io.BytesIO(data), allow_pickle=False).astype(np.float32)
+                error_map = np.load(io.BytesIO(data), allow_pickle=False)
+                if error_map.dtype != np.float32:  # version 0.3 rounded it: measured again
+                    return None
             return PairScores(
                 {(metric, region): value for metric, region, value in raw["values"]},
                 {(metric, region): values for metric, region, values in raw["per_frame"]},
@@ -83,7 +85,7 @@ class Cache:
         self.folder.mkdir(parents=True, exist_ok=True)
         if measured.error_map is not None:
             buffer = io.BytesIO()
-            np.save(buffer, measured.error_map.astype(np.float16), allow_pickle=False)
+            np.save(buffer, measured.error_map, allow_pickle=False)
             write_whole(self.folder / f"{key}.npy", buffer.getvalue())
         raw = {
             "values": [[*where, value] for where, value in measured.values.items()],

@@ -224,7 +224,7 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
         if folder is not None:
             with whole_folder(folder, replace=True, reads=reads, keeps=CACHE_FOLDER) as work:
                 made = _write(
-                    results, subjects, work, first,
+                    results, subjects, work, folder / CACHE_FOLDER, first,
                     lambda what: report(1, 1, what), focus,
                 )  # fmt: skip
             page = folder / made.name
@@ -237,6 +237,7 @@ def _write(
     results: ScoreResults,
     subjects: Subjects,
     out: Path,
+    cache: Path,
     source: Path,
     say: Callable[[str], None],
     focus: str | None,
@@ -249,7 +250,7 @@ def _write(
     if subjects.clips:
         say("timing one fill of each method")
         pair = subjects.items[0].pair
-        times_ms, renderer = time_methods(subjects.clips, pair, source.parent)
+        times_ms, renderer = time_methods(subjects.clips, pair, source.parent, cache)
     return write_report(results, out, times_ms=times_ms, renderer=renderer, report=say, focus=focus)
 
 

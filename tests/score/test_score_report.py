@@ -7,12 +7,14 @@ import io
 import json
 import math
 import re
+import shutil
 import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from protocols.disk.hashing import sha256_file
 from protocols.html_page import html_page
 from protocols.load import load_display
 from protocols.study_file.new_study import study_files
@@ -106,6 +108,30 @@ def test_a_second_run_measures_nothing(scored, batch, tmp_path, monkeypatch):
 
     assert again.values == scored.values
     assert again.maps.keys() == scored.maps.keys()
+    for name, found in scored.maps.items():
+        assert found.dtype == np.float32
+        assert again.maps[name].tobytes() == found.tobytes()
+
+
+@pytest.mark.slow
+def test_scores_from_the_cache_are_the_same_files_byte_for_byte(run_score, batch, tmp_path):
+    """Each file is hashed, after a cold run, a warm one, and a cold one that knows times alone."""
+
+    def files(folder):
+        asked = ("--metrics", ",".join((*OURS, "band-ratio")), "--out", folder)
+        done = run_score(batch, *asked)
+        assert done.exit_code == 0, done.output
+        paths = sorted(p for p in folder.rglob("*") if CACHE_FOLDER not in p.parts and p.is_file())
+        return {str(p.relative_to(folder)): sha256_file(p) for p in paths}
+
+    cold = files(tmp_path / "scores")
+    (tmp_path / "again" / CACHE_FOLDER).mkdir(parents=True)
+    for times in (tmp_path / "scores" / CACHE_FOLDER).glob("*.times.json"):
+        shutil.copy(times, tmp_path / "again" / CACHE_FOLDER)
+
+    assert len(cold) > 5
+    assert files(tmp_path / "scores") == cold
+    assert files(tmp_path / "again") == cold
 
 
 def counted(monkeypatch):
