@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 
 from docutils import nodes
+from pages import suit
 from sphinx import addnodes
 from sphinx.application import Sphinx
 
@@ -74,3 +75,4 @@ def one_name_a_line(_app: Sphinx, *words: object) -> None:
 def setup(app: Sphinx) -> None:
     app.connect("autodoc-process-docstring", one_name_a_line, priority=400)  # before napoleon
     app.connect("doctree-read", only_names_of_ours)
+    app.connect("source-read", suit)

@@ -1,4 +1,4 @@
-"""Lay the pages of the site out for Sphinx: README and docs/ as they are, and pages made of lists.
+"""Pages of the site for Sphinx: README and docs/ as they are, and pages made of lists.
 
 Pages stay plain Markdown that reads well beside the code. What only the site needs, tables of
 contents and the list of Python calls, is made here from `site.toml`.
@@ -6,15 +6,19 @@ contents and the list of Python calls, is made here from `site.toml`.
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import tomllib
-from pathlib import Path, PurePosixPath
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
 FRONT = "index"  # the README's name on the site
-SPLIT = "docs/figures/"  # each heading of these pages becomes a page of its own
 
 LINK = re.compile(r"(?P<before>!?\[(?:[^\[\]]|\[[^\]]*\])*\])\((?P<target>[^)\s]+)\)")
 FENCE = re.compile(r"(^```.*?^```)", re.MULTILINE | re.DOTALL)
@@ -25,73 +29,10 @@ def site() -> dict[str, Any]:
     return tomllib.loads((HERE / "site.toml").read_text(encoding="utf-8"))
 
 
-def sources() -> dict[str, Path]:
-    """Return the pages that are files, by name on the site, without `.md`."""
-    found = {FRONT: REPOSITORY / "README.md"}
-    found |= {name: REPOSITORY / f"{name}.md" for name in ("CHANGELOG", "CONTRIBUTING")}
-    tables = (REPOSITORY / "benchmarks/results").glob("*.md")
-    for path in sorted([*(REPOSITORY / "docs").rglob("*.md"), *tables]):
-        found[path.relative_to(REPOSITORY).with_suffix("").as_posix()] = path
-    return found
-
-
-def listed(patterns: list[str], names: list[str]) -> list[str]:
-    """Return the pages of a section; a pattern that ends in ``*`` stands for all below it."""
-    found = []
-    for pattern in patterns:
-        stem = pattern.removesuffix("*")
-        found += [n for n in names if n.startswith(stem)] if stem != pattern else [pattern]
-    return found
-
-
 def contents(pages: list[str], *options: str) -> str:
     """Return a table of contents; ``Title <page>`` gives a page another title there."""
     entries = [re.sub(r"(.*<|^)(?=[^<]+$)", r"\1/", page, count=1) for page in pages]
-    lines = [*options, "", *entries]
-    return "\n```{toctree}\n" + "\n".join(lines) + "\n```\n"
-
-
-def resolved(target: str, page: str) -> str | None:
-    """Return the path below the repository that a page's link leads to, or None."""
-    if re.match(r"[a-z]+:|#", target):
-        return None
-    path = REPOSITORY / PurePosixPath(f"{page}.md").parent / target.partition("#")[0]
-    path = path.resolve()
-    return path.relative_to(REPOSITORY).as_posix() if path.is_relative_to(REPOSITORY) else None
-
-
-def relinked(text: str, page: str) -> tuple[str, set[str]]:
-    """Return a page whose links suit the site, and the files beside the pages that it links."""
-    files: set[str] = set()
-    pages = {f"{name}.md" for name in sources()}
-
-    def replace(match: re.Match[str]) -> str:
-        target = match["target"]
-        path = resolved(target, page)
-        if path == "README.md":
-            return f"{match['before']}({target.replace('README.md', FRONT + '.md')})"
-        if path and (REPOSITORY / path).is_dir():
-            return match["before"].strip("[]")  # a folder: nothing to show
-        if path and path not in pages:
-            files.add(path)
-            if path.endswith(".md"):  # no page of the site: to be downloaded
-                return f"{match['before']}(path:{target})"
-        return match[0]
-
-    parts = FENCE.split(text)
-    parts[::2] = [LINK.sub(replace, part) for part in parts[::2]]
-    return "".join(parts), files
-
-
-def split(text: str, page: str) -> dict[str, str]:
-    """Return a page and one for each of its second-level headings, which it lists."""
-    head, *parts = re.split(r"^## ", text, flags=re.MULTILINE)
-    pages = {}
-    for part in parts:
-        title, _, body = part.partition("\n")
-        slug = re.sub(r"[^a-z0-9]+", "-", title.partition(":")[0].lower()).strip("-")
-        pages[f"{page}-{slug}"] = f"# {title}\n{body}"
-    return {page: head + contents(list(pages), ":maxdepth: 1"), **pages}
+    return "\n".join(["\n```{toctree}", *options, "", *entries, "```\n"])
 
 
 def api_page(stage: dict[str, Any]) -> str:
@@ -103,36 +44,45 @@ def api_page(stage: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def all_pages() -> dict[str, bytes]:
-    """Return every file that Sphinx reads, by its path."""
-    made: dict[str, bytes] = {}
-    plan = site()
-    files: set[str] = set()
-    names = list(sources())
-    for name, path in sources().items():
-        text, more = relinked(path.read_text(encoding="utf-8"), name)
-        files |= more
-        if name == FRONT:
-            text += contents([section["name"] for section in plan["section"]], ":hidden:")
-        pages = split(text, name) if name.startswith(SPLIT) else {name: text}
-        made |= {f"{page}.md": body.encode() for page, body in pages.items()}
-    for section in plan["section"]:
-        body = f"# {section['title']}\n\n{section['intro']}\n"
-        body += contents(listed(section["pages"], names), ":maxdepth: 1")
-        made[f"{section['name']}.md"] = body.encode()
-    for stage in plan["api"]:
-        made[f"api/{stage['name']}.rst"] = api_page(stage).encode()
-    return made | {path: (REPOSITORY / path).read_bytes() for path in files}
-
-
 def lay_out(folder: Path) -> None:
-    """Write all pages into a folder; touch nothing that is as it was, delete what is gone."""
-    wanted = all_pages()
-    for path, data in wanted.items():
-        there = folder / path
-        there.parent.mkdir(parents=True, exist_ok=True)
-        if not there.is_file() or there.read_bytes() != data:
-            there.write_bytes(data)
-    for there in folder.rglob("*"):
-        if there.is_file() and there.relative_to(folder).as_posix() not in wanted:
-            there.unlink()
+    """Fill the folder that Sphinx reads; what has not changed keeps its time."""
+    (folder / "api").mkdir(parents=True, exist_ok=True)
+    for name in ("docs", "benchmarks/results"):
+        shutil.copytree(REPOSITORY / name, folder / name, dirs_exist_ok=True)
+    for name, page in (("README", FRONT), ("CHANGELOG", "CHANGELOG"), ("CONTRIBUTING",) * 2):
+        shutil.copy2(REPOSITORY / f"{name}.md", folder / f"{page}.md")
+    plan = site()
+    for section in plan["section"]:
+        listed = contents(section["pages"], ":maxdepth: 1", ":glob:")
+        text = f"# {section['title']}\n\n{section['intro']}\n{listed}"
+        (folder / f"{section['name']}.md").write_text(text, encoding="utf-8")
+    for stage in plan["api"]:
+        (folder / f"api/{stage['name']}.rst").write_text(api_page(stage), encoding="utf-8")
+
+
+def suit(app: Sphinx, page: str, text: list[str]) -> None:
+    """Change the links that only suit GitHub: to the README, to folders, to files beside the pages.
+
+    The front page also gets the table of contents.
+    """
+    here = Path(page).parent
+
+    def replace(match: re.Match[str]) -> str:
+        path, anchor, part = match["target"].partition("#")
+        there = os.path.normpath(here / path)
+        if path and (REPOSITORY / there).is_dir():
+            return match["before"].strip("[]")  # nothing to show
+        if there == "README.md":
+            return f"{match['before']}({os.path.relpath(f'{FRONT}.md', here)}{anchor}{part})"
+        if (REPOSITORY / there).is_file() and not (app.srcdir / there).exists():
+            (app.srcdir / there).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(REPOSITORY / there, app.srcdir / there)
+        if there.endswith(".md") and there.removesuffix(".md") not in app.env.found_docs:
+            return f"{match['before']}(path:{match['target']})"  # to be downloaded
+        return match[0]
+
+    parts = FENCE.split(text[0])
+    parts[::2] = [LINK.sub(replace, part) for part in parts[::2]]
+    text[0] = "".join(parts)
+    if page == FRONT:
+        text[0] += contents([section["name"] for section in site()["section"]], ":hidden:")
