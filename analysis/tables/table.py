@@ -12,6 +12,7 @@ import pandas as pd
 from analysis.tables import column_units
 from analysis.tables import unwanted_rows as row_checks
 from analysis.tables.counts import Counted
+from analysis.tables.spreadsheet import DateText
 from analysis.tables.table_files import FIRST_LINE, counted_lines, rows_of, shortened
 from analysis.tables.words import (
     ANSWERED,
@@ -104,6 +105,10 @@ class Table:
         index = list(range(len(lines))) if path.is_dir() else lines
         self.rows = pd.DataFrame(found.rows, columns=found.header, index=index, dtype=str)
         self._header = list(found.header)
+        self._dates = {
+            name: [index[k] for k, row in enumerate(found.rows) if isinstance(row[place], DateText)]
+            for place, name in enumerate(found.header)
+        }
         self._mapping: dict[str, str] = {}
         self._filtered: set[str] = set()
         self._refuse_doubled(mapping or {})
@@ -296,6 +301,7 @@ class Table:
     def text(self, column: str) -> pd.Series:
         """Return a column of names, none of them empty or spoilt by a spreadsheet."""
         values = self.rows[column].str.strip()
+        self._refuse_dates(column, "a name", "text")
         self.refuse(values == "", f"{column} must not be empty")
         dates, all_of_them = row_checks.spoilt(values)
         if dates.any() and not all_of_them and column not in self._filtered:
@@ -314,6 +320,18 @@ class Table:
             self.notes.append(f"{column} {named} look alike: they count as {len(group)}")
         return values
 
+    def _refuse_dates(self, column: str, wanted: str, kind: str) -> None:
+        """Refuse a cell of a spreadsheet that is a date or a time."""
+        theirs = self.theirs(column)
+        self.refuse(
+            self.rows.index.to_series().isin(self._dates.get(theirs, [])),
+            lambda at: (
+                f"{column} must be {wanted}, not a date or a time (got {self.rows[column][at]!r} in"
+                f" the spreadsheet's column {theirs!r}); format the column's cells as {kind} and"
+                " write them again"
+            ),
+        )
+
     def number(self, column: str, *, rare: bool = False) -> pd.Series:
         """Return a column of finite numbers; what says missing is NaN.
 
@@ -327,6 +345,7 @@ class Table:
 
     def _numbers(self, column: str) -> pd.Series:
         raw = self.rows[column].str.strip()
+        self._refuse_dates(column, "a number", "numbers")
         values = pd.to_numeric(raw, errors="coerce").astype(float)
         self.refuse(
             ~missing(raw) & ~np.isfinite(values),

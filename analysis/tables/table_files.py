@@ -14,16 +14,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from analysis.tables.counts import HEADER, Counted, decisions_of, is_square
-from analysis.tables.xlsx import ENDING, read_xlsx
+from analysis.tables.spreadsheet import ENDINGS, read_spreadsheet
 from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
 from protocols.limits import FIXED, check_cells, check_within
 from protocols.outside import CONTROL, lines_of, original_cell
 from protocols.prose import count_of
 
-TABLES = (".csv", ".tsv", ENDING)
+TABLES = (".csv", ".tsv", *ENDINGS)
 """Tables that a folder may hold."""
-SPREADSHEETS = (".xls", ".ods", ".numbers")
+SPREADSHEETS = (".xls", ".numbers")
 """Spreadsheets that are not read."""
 FIRST_LINE = 2
 SHOWN_LETTERS = 60
@@ -55,9 +55,9 @@ def rows_of(path: Path, counted: Counted | None = None) -> FileRows:
     """Return the rows of a table, or of all tables in a folder with the columns of all.
 
     Read are UTF-8, UTF-16 and Windows' Latin-1; comma, semicolon or tab; and the first sheet of
-    ``.xlsx``, however it is named. Columns of numbers with decimal commas get points where the
-    file is separated otherwise. With `counted`, a square table of counts is read as such: then
-    a file is a participant.
+    ``.xlsx`` and ``.ods``, however it is named. Columns of numbers with decimal commas get points
+    where the file is separated otherwise. With `counted`, a square table of counts is read as such:
+    then a file is a participant.
 
     Raises
     ------
@@ -110,12 +110,12 @@ def _of_file(path: Path, counted: Counted | None) -> FileRows:
     """Return the rows of one file."""
     if path.suffix.lower() in SPREADSHEETS:
         raise StudyError(
-            f"{path}: must be a CSV table or {ENDING}; save it as one of them in the spreadsheet's"
-            " own program"
+            f"{path}: must be a CSV table, {' or '.join(ENDINGS)}; save it as one of them in the"
+            " spreadsheet's own program"
         )
     found = FileRows()
     if _is_spreadsheet(path):
-        numbered, separator = list(enumerate(read_xlsx(path, found.notes), 1)), ";"
+        numbered, separator = list(enumerate(read_spreadsheet(path, found.notes), 1)), ";"
     else:
         numbered, separator = _read_text(path, found.notes)
     (_, head), *body = numbered or [(1, [])]
@@ -181,8 +181,8 @@ def counted_lines(lines: Sequence[int | str]) -> str:
 
 
 def _is_spreadsheet(path: Path) -> bool:
-    if path.suffix.lower() == ENDING or not path.is_file():
-        return path.suffix.lower() == ENDING
+    if path.suffix.lower() in ENDINGS or not path.is_file():
+        return path.suffix.lower() in ENDINGS
     with path.open("rb") as file:
         return file.read(len(_ZIPPED)) == _ZIPPED
 

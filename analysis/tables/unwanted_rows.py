@@ -16,7 +16,7 @@ _DATE = re.compile(
     re.IGNORECASE,
 )
 _SERIAL = re.compile(r"[345]\d{4}(\.0)?")
-"""A day since 1900, as .xlsx files hold it: 1982 to 2064."""
+"""A day since 1900, as spreadsheets count it: 1982 to 2064."""
 _CLOCKS = {"timestamp", "time_elapsed"}
 _RUN = 5
 """So many rows in their order, with different times in them, come twice only if copied."""

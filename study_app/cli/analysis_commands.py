@@ -111,7 +111,7 @@ def report(
 
     study = recorded_protocol(protocol) if protocol else None
     with one_line() as progress:
-        if sessions.suffix.lower() in (".csv", ".tsv", ".xlsx") and not sessions.is_dir():
+        if sessions.suffix.lower() in (".csv", ".tsv", ".xlsx", ".ods") and not sessions.is_dir():
             made = report_decisions(
                 sessions,
                 out,
@@ -342,8 +342,8 @@ def import_(
     table: Annotated[
         Path,
         typer.Argument(
-            help="CSV or .xlsx of any tool, one decision per row; or a square table of counts; or"
-            " a folder of such, for example one per participant."
+            help="CSV, .xlsx or .ods of any tool, one decision per row; or a square table of"
+            " counts; or a folder of such, for example one per participant."
         ),
     ],
     out: NewFolderOption,
@@ -361,7 +361,7 @@ def import_(
 
         metamerlab analysis report imported/decisions.csv --out report
 
-    Decimal commas, semicolons, Latin-1, .xlsx, left and right for the chosen one, and rows
+    Decimal commas, semicolons, Latin-1, .xlsx, .ods, left and right for the chosen one, and rows
     without an answer are understood and reported.
 
     Of a square table of counts the row's method was chosen over the column's, or the column's

@@ -37,8 +37,8 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
 TrialsArgument = Annotated[
     Path,
     typer.Argument(
-        help="CSV or .xlsx of any tool, one answer per row; a folder of such, for example one per"
-        " participant; or a decisions.csv of ours. What was left out or changed is noted."
+        help="CSV, .xlsx or .ods of any tool, one answer per row; a folder of such, for example one"
+        " per participant; or a decisions.csv of ours. What was left out or changed is noted."
     ),
 ]
 MapOption = Annotated[

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from attack.readers import write_ods
 from typer.testing import CliRunner
 
+from analysis.tables.spreadsheet import read_spreadsheet
 from analysis.tables.table import Table
-from analysis.tables.xlsx import read_xlsx
 from protocols.errors import StudyError
 from study_app.cli import app
 
@@ -79,9 +80,11 @@ def xlsx(path: Path, rows, *, sheets: int = 1, shared: bool = True, skip_row: in
         "xl/workbook.xml": f'<workbook {main} xmlns:r="{links}"><sheets>'
         + "".join(f'<sheet name="S{k}" r:id="rId{k}"/>' for k in range(1, sheets + 1))
         + "</sheets></workbook>",
+        "_rels/.rels": f'<Relationships><Relationship Id="r" Type="{links}/officeDocument"'
+        ' Target="xl/workbook.xml"/></Relationships>',
         "xl/_rels/workbook.xml.rels": "<Relationships>"
         + "".join(
-            f'<Relationship Id="rId{k}" Target="worksheets/sheet{k}.xml"/>'
+            f'<Relationship Id="rId{k}" Type="{links}/worksheet" Target="worksheets/sheet{k}.xml"/>'
             for k in range(1, sheets + 1)
         )
         + "</Relationships>",
@@ -184,7 +187,7 @@ def test_a_workbook_gives_the_same_decisions(tmp_path, expected, shared):
 
 def test_of_several_sheets_the_first_is_read_and_blank_rows_keep_line_numbers(tmp_path):
     notes: list[str] = []
-    rows = read_xlsx(xlsx(tmp_path / "old.xlsx", PLAIN, sheets=3, skip_row=2), notes)
+    rows = read_spreadsheet(xlsx(tmp_path / "old.xlsx", PLAIN, sheets=3, skip_row=2), notes)
     assert notes == ["the first of 3 sheets was read: S1"]
     assert rows[0] == list(PLAIN[0])
     assert rows[1:3] == [[], []]
@@ -203,13 +206,13 @@ def test_a_harmed_workbook_is_refused_in_one_message(tmp_path):
     for data in (whole[:200], b"no zip", entity.getvalue()):
         (tmp_path / "bad.xlsx").write_bytes(data)
         with pytest.raises(StudyError, match=r"bad\.xlsx: must be an \.xlsx file"):
-            read_xlsx(tmp_path / "bad.xlsx", [])
+            read_spreadsheet(tmp_path / "bad.xlsx", [])
 
 
 def test_a_workbook_that_unpacks_to_too_much_is_refused_before(tmp_path, monkeypatch):
     monkeypatch.setenv("METAMERLAB_LIMITS", "text=100")
-    with pytest.raises(StudyError, match="must have at most 100 bytes in xl/"):
-        read_xlsx(xlsx(tmp_path / "old.xlsx", PLAIN), [])
+    with pytest.raises(StudyError, match="must have at most 100 bytes in its sheets"):
+        read_spreadsheet(xlsx(tmp_path / "old.xlsx", PLAIN), [])
 
 
 @pytest.mark.parametrize(
@@ -272,15 +275,91 @@ def test_a_mistake_in_a_folder_is_told_with_its_file_and_line(folder, name, line
 def test_a_folder_without_tables_is_refused(tmp_path):
     done = run("analysis", "reaction", tmp_path, "--by", "method")
     assert done.exit_code == 2
-    assert f"{tmp_path}: must hold tables (.csv, .tsv, .xlsx)" in " ".join(done.stderr.split())
+    assert f"{tmp_path}: must hold tables (.csv, .tsv, .xlsx, .ods)" in " ".join(
+        done.stderr.split()
+    )
 
 
 def test_another_spreadsheet_says_how_to_save_it(tmp_path):
-    (tmp_path / "old.ods").write_bytes(b"PK")
+    (tmp_path / "old.numbers").write_bytes(b"PK")
     with pytest.raises(StudyError, match="save it as one of them"):
-        Table(tmp_path / "old.ods")
+        Table(tmp_path / "old.numbers")
+
+
+def cell(kind: str, text: str, value: str = "") -> str:
+    """A cell as LibreOffice writes it."""
+    named = f' office:{"" if kind == "float" else f"{kind}-"}value="{value}"' if value else ""
+    start = f'<table:table-cell office:value-type="{kind}"{named}>'
+    return f"{start}<text:p>{text}</text:p></table:table-cell>"
+
+
+def test_a_spreadsheet_of_libreoffice_gives_the_same_decisions(tmp_path, expected):
+    head, *body = PLAIN
+    rows = [[cell("string", text) for text in head]]
+    rows += [
+        [cell("float", "1", text) if text[0].isdigit() else cell("string", text) for text in row]
+        for row in body
+    ]
+    write_ods(tmp_path / "old.ods", *("".join(row) for row in rows))
+    found, said = imported(tmp_path / "old.ods")
+    pd.testing.assert_frame_equal(found, expected)
+    assert "note:" not in said
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "got"),
+    [
+        ("date", "2024-05-03", "2024-05-03"),
+        ("date", "2024-05-03T10:11:12", "2024-05-03 10:11:12"),
+        ("time", "PT01H02M03S", "01:02:03"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("column", "ours", "must", "format_"),
+    [("A", "first", "a name", "text"), ("rt_s", "rt_s", "a number", "numbers")],
+)
+def test_a_date_is_no_name_and_no_number(tmp_path, kind, value, got, column, ours, must, format_):
+    rows = [[cell("string", text) for text in row] for row in PLAIN]
+    rows[2][PLAIN[0].index(column)] = cell(kind, "3.5.24", value)
+    write_ods(tmp_path / "old.ods", *("".join(row) for row in rows))
+    done = run("analysis", "import", tmp_path / "old.ods", *MAP, "--map", "chosen=Wahl",
+               "--out", tmp_path / "o")  # fmt: skip
+    assert done.exit_code == 2
+    assert (
+        f"{tmp_path / 'old.ods'}: line 3: {ours} must be {must}, not a date or a time (got {got!r}"
+        f" in the spreadsheet's column {column!r}); format the column's cells as {format_} and"
+        " write them again"
+    ) in " ".join(done.stderr.split())
+
+
+def test_an_error_of_a_workbook_is_a_text_and_a_date_is_as_its_style_says(tmp_path):
+    path = xlsx(tmp_path / "old.xlsx", [("Vpn", "A"), ("45292", "45292")])
+    with zipfile.ZipFile(path) as given:
+        files = {name: given.read(name).decode() for name in given.namelist()}
+    sheet = files["xl/worksheets/sheet1.xml"].replace('r="A2"', 'r="A2" s="1"')
+    sheet = sheet.replace('<c r="B2"><v>45292', '<c r="B2" t="e"><v>#DIV/0!')
+    style = '<styleSheet><cellXfs><xf numFmtId="0"/><xf numFmtId="14"/></cellXfs></styleSheet>'
+    main = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+    files["xl/worksheets/sheet1.xml"] = sheet
+    files["xl/styles.xml"] = style.replace("<styleSheet>", f"<styleSheet {main}>")
+    with zipfile.ZipFile(path, "w") as made:
+        for name, text in files.items():
+            made.writestr(name, text)
+    assert read_spreadsheet(path, []) == [["Vpn", "A"], ["2024-01-01", "#DIV/0!"]]
 
 
 def test_of_a_plain_table_nothing_is_noted(tmp_path):
     (tmp_path / "old.csv").write_text(text_of(PLAIN), encoding="utf-8")
     assert Table(tmp_path / "old.csv", {"chosen": "Wahl"}).notes == []
+
+
+@pytest.mark.parametrize("place", ["B" + "2" * 200, "B3", "b2", ""])
+def test_a_cell_at_no_place_of_its_row_is_refused_before_the_library_meets_it(tmp_path, place):
+    path = xlsx(tmp_path / "old.xlsx", PLAIN)
+    with zipfile.ZipFile(path) as given:
+        files = {name: given.read(name).decode() for name in given.namelist()}
+    with zipfile.ZipFile(path, "w") as made:
+        for name, text in files.items():
+            made.writestr(name, text.replace('"B2"', f'"{place}"'))
+    with pytest.raises(StudyError, match=r"old\.xlsx: must be an \.xlsx file \(.*a cell of row 2"):
+        read_spreadsheet(path, [])

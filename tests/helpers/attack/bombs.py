@@ -29,7 +29,7 @@ from random import Random
 
 import numpy as np
 import psutil
-from attack.readers import write_xlsx
+from attack.readers import write_ods, write_xlsx
 from PIL import Image
 
 from pipeline.image_file import write_pixels
@@ -420,6 +420,10 @@ def _listed(count: int) -> tuple[bytes, bytes, int, bytes]:
     return b'{"files":[', entry, count, b"{}]}"
 
 
+def _write_ods(folder: Path, row: str) -> None:
+    write_ods(folder / "t.ods", row)
+
+
 def _tables() -> Iterator[Bomb]:
     lines = text("t.csv", _ANSWERS, ("a\n", _LINES))
     yield Bomb("csv of 9.9e6 lines, imported", lines, "analysis import t.csv --out o")
@@ -461,6 +465,17 @@ def _tables() -> Iterator[Bomb]:
     laughs = xlsx((f'<!DOCTYPE a [<!ENTITY b "{"x" * 9999}">]>{_SHEET}', "<row/>", 1, _END))
     yield Bomb("xlsx of entities", laughs, words)
     yield Bomb("xlsx of 3e6 files", many_members("t.xlsx", 3_000_000), words)
+    words = "analysis import t.ods --out o"
+    text_cell = '<table:table-cell office:value-type="string"{}><text:p>{}</text:p>'
+    text_cell += "</table:table-cell>"
+    far = text_cell.format(' table:number-columns-repeated="16384"', "x" * 30_000)
+    again = '</table:table-row><table:table-row table:number-rows-repeated="{}">'
+    for name, row in (
+        ("a text in each cell", again.format(1_048_575) + far),
+        ("a text in each of 180 rows", again.format(180) + far),
+        ("1e9 spaces", text_cell.format("", '<text:s text:c="1000000000"/>')),
+    ):
+        yield Bomb(f"ods of {name}", partial(_write_ods, row=row), words)
     yield Bomb("csv that is a zip of 3e6 files", many_members("t.csv", 3_000_000),
                "analysis import t.csv --out o")  # fmt: skip
     nested = both(text("decisions.csv", _ANSWERS), text("decisions.json", _NEST))

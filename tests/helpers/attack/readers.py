@@ -29,8 +29,8 @@ from pydantic import BaseModel
 
 from analysis.export.bids_gaze import read_samples
 from analysis.tables.decisions import read_decisions
+from analysis.tables.spreadsheet import read_spreadsheet
 from analysis.tables.trials import read_trials
-from analysis.tables.xlsx import read_xlsx
 from analysis.tidy import read_sessions
 from pipeline.compression.codec import CompressionSettings as CompressedAs
 from pipeline.compression.codec import compress, decompress
@@ -149,6 +149,10 @@ def _video(path: Path) -> Any:
     return list(read_frames(path, (16, 12), 3, 30.0))
 
 
+def _spreadsheet(path: Path) -> Any:
+    return read_spreadsheet(path, [])
+
+
 def _network(path: Path) -> Any:
     return len(OnnxNetwork.files(path)), OnnxNetwork(path).value_range
 
@@ -197,7 +201,8 @@ READERS: tuple[Reader, ...] = (
     Reader("gaze-asc", "g.asc", mutations.PLAIN, load_recording, _gaze),
     Reader("gaze-points", "points.csv", mutations.PLAIN, lambda path: read_gaze(str(path))),
     Reader("decisions-csv", "decisions.csv", mutations.PLAIN, read_decisions, _lost, 0.3),
-    Reader("table-xlsx", "old.xlsx", mutations.ZIPPED, lambda path: read_xlsx(path, []), _anything),
+    Reader("table-xlsx", "old.xlsx", mutations.ZIPPED, _spreadsheet, _anything),
+    Reader("table-ods", "old.ods", mutations.ZIPPED, _spreadsheet, _anything),
     Reader("trials-csv", "trials.csv", mutations.PLAIN, read_trials, _lost),
 )
 
@@ -223,13 +228,36 @@ def write_xlsx(path: Path) -> None:
         "</worksheet>",
         "xl/workbook.xml": f'<workbook {main} xmlns:r="{links}"><sheets><sheet name="Data"'
         ' r:id="r1"/></sheets></workbook>',
+        "_rels/.rels": f'<Relationships><Relationship Id="r" Type="{links}/officeDocument"'
+        ' Target="xl/workbook.xml"/></Relationships>',
         "xl/_rels/workbook.xml.rels": '<Relationships><Relationship Id="r1"'
-        ' Target="worksheets/sheet1.xml"/></Relationships>',
+        f' Type="{links}/worksheet" Target="worksheets/sheet1.xml"/></Relationships>',
         "xl/sharedStrings.xml": f"<sst {main}><si><t>note</t></si></sst>",
     }
     with zipfile.ZipFile(path, "w") as packed:
         for name, text in files.items():
             packed.writestr(name, text)
+
+
+_ODS = " ".join(
+    f'xmlns:{name}="urn:oasis:names:tc:opendocument:xmlns:{name}:1.0"'
+    for name in ("office", "table", "text")
+)
+
+
+def write_ods(path: Path, *rows: str) -> None:
+    """Write a spreadsheet as LibreOffice does, of rows as it writes them."""
+    told = '<table:table-cell office:value-type="string"><text:p>who</text:p></table:table-cell>'
+    half = '<table:table-cell office:value-type="float" office:value="0.5"/>'
+    lines = "".join(f"<table:table-row>{row}</table:table-row>" for row in rows or (told, half))
+    text = f'<table:table table:name="Data">{lines}</table:table>'
+    for name in ("spreadsheet", "body", "document-content"):
+        named = f" {_ODS}" if name == "document-content" else ""
+        text = f"<office:{name}{named}>{text}</office:{name}>"
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        packed.writestr("content.xml", text)
+        packed.writestr("META-INF/manifest.xml", "<manifest/>")
 
 
 def write_samples(folder: Path) -> None:
@@ -368,6 +396,7 @@ def _write_tables(folder: Path, rng: np.random.Generator) -> None:
         "stimulus,file,scene,level\n" + "".join(f"s{n},s{n}.png,one,{n / 4}\n" for n in range(6))
     )
     write_xlsx(folder / "old.xlsx")
+    write_ods(folder / "old.ods")
     (folder / "decisions.csv").write_text(
         "participant,first,second,chosen,scene,rt_s\n"
         + "".join(f"P{n % 3},a,b,{'ab'[n % 2]},one,{0.4 + n / 10}\n" for n in range(12))
