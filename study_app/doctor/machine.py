@@ -66,7 +66,7 @@ def check_packages(
 
 
 def requirements() -> list[Requirement]:
-    """Return what the installed metamerlab needs; none where it is not installed."""
+    """Return the requirements of the installed metamerlab; none where it is not installed."""
     try:
         return [Requirement(line) for line in importlib.metadata.requires("metamerlab") or []]
     except importlib.metadata.PackageNotFoundError:
