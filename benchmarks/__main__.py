@@ -19,7 +19,7 @@ BENCHMARKS = {
     "fit_overlap": "nothing: what bands find of the noise of textures",
     "pictures": "the pictures of README and docs, from our own scenes",
     "readme": "nothing: puts what was measured into the README",
-    "stimuli": "frames per second of clips, overlap, processes, memory",
+    "stimuli": "frames per second of clips, two processes against one",
     "scores": "every built-in scene on three paths, by every metric of `stimuli score`",
     "session": "a whole simulated session",
     "adaptive": "adaptive trials: recovery of thresholds and scores beside other packages, speed",

@@ -1,4 +1,4 @@
-"""Time of a whole simulated session, and of the journal's writes: `python -m benchmarks.session`.
+"""Time of a whole simulated session: `python -m benchmarks.session`.
 
 The 72 decisions of the inpainting paper's study go through the real session, trial machine, gaze
 rules and recorder, on a virtual display; only drawing is missing.
@@ -9,20 +9,16 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import statistics
 import tempfile
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from benchmarks.shared.output import file_to_write, write_record
-from protocols.journal import Note
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from protocols.revision import code_revision
-from study_app.recorder import Recorder
 from study_app.simulate import SimulatedStudy, simulate_study
-from study_app.virtual import VirtualClock
 
 
 @dataclass(frozen=True)
@@ -44,15 +40,6 @@ class SessionTiming:
     def us_per_flip(self) -> float:
         """Processor time of one pass through the loop: poll, judge, advance, log."""
         return 1e6 * self.cpu_s / self.flips
-
-
-@dataclass(frozen=True)
-class AppendTiming:
-    """Milliseconds to append an event and have it on the disk."""
-
-    median_ms: float
-    p99_ms: float
-    max_ms: float
 
 
 def time_session(gaze_hz: float) -> SessionTiming:
@@ -85,30 +72,12 @@ def time_session(gaze_hz: float) -> SessionTiming:
     )
 
 
-def time_appends(count: int = 300) -> AppendTiming:
-    """Append events one by one, each synced."""
-    clock = VirtualClock()
-    times_ms = []
-    with (
-        tempfile.TemporaryDirectory(dir=".") as folder,  # a real disk, not one in memory
-        Recorder.create(Path(folder) / "P1", clock, clock.wall) as recorder,
-    ):
-        for _ in range(count):
-            event = Note(**recorder.stamps(), text="x" * 1000)
-            began = time.perf_counter()
-            recorder.append(event)
-            times_ms.append(1e3 * (time.perf_counter() - began))
-    ranked = sorted(times_ms)
-    return AppendTiming(statistics.median(ranked), ranked[int(0.99 * count)], ranked[-1])
-
-
 def main(argv: list[str]) -> int:
     """Print a table; with ``--json FILE`` also write it."""
     parser = argparse.ArgumentParser(prog="benchmarks.session", description=__doc__)
     parser.add_argument("--json", type=file_to_write, help="file to write the numbers to")
     arguments = parser.parse_args(argv)
     sessions = [time_session(gaze_hz) for gaze_hz in (60.0, 250.0, 1000.0)]
-    appends = time_appends()
     print(f"{platform.platform()}, {os.cpu_count()} cores, revision {code_revision()}")
     print("gaze Hz  decisions  attempts   flips  shown s  wall s   CPU s  us/flip    MiB")
     for entry in sessions:
@@ -117,17 +86,12 @@ def main(argv: list[str]) -> int:
             f" {entry.shown_s:8.0f} {entry.wall_s:7.2f} {entry.cpu_s:7.2f}"
             f" {entry.us_per_flip:8.0f} {entry.mib:6.1f}"
         )
-    print(
-        f"append and sync of 1 KB: median {appends.median_ms:.2f} ms,"
-        f" 99 % {appends.p99_ms:.2f} ms, longest {appends.max_ms:.2f} ms"
-    )
     if arguments.json:
         result = {
             "platform": platform.platform(),
             "cores": os.cpu_count(),
             "revision": code_revision(),
             "sessions": [asdict(entry) for entry in sessions],
-            "append": asdict(appends),
         }
         write_record(arguments.json, result)
     return 0

@@ -1,20 +1,16 @@
-"""Speed of making clips: `script/bench stimuli --write --docs benchmarks/results/stimuli.md`.
+"""Speed of making clips: `script/bench stimuli --json benchmarks/results/stimuli.json`.
 
-One scene, one size: frames per second of the pipeline alone (warp and fill), of PNG encoding
-alone, and of a whole build; the build's wall time over the larger of the two (wanted: at most
-1.3); two processes against one, each with one rendering thread (wanted: at least 1.7); peak
-memory for n and for 2n frames (wanted: the same).
-
-Whatever is compared is measured in turns, a round after the other, and the median of the
-rounds' ratios is reported with the least and the greatest: other work on the machine then
-meets both alike. Two processes need two idle cores.
+One scene, one size: frames per second of a whole build, hashed, by method; and two processes
+against one, each with one rendering thread. These take turns, a round after the other, and the
+median of the rounds' ratios is reported with the least and the greatest: other work on the machine
+then meets both alike. Two processes need two idle cores.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
+import platform
 import statistics
 import subprocess
 import sys
@@ -24,8 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.shared.output import PagePart
-from benchmarks.shared.stimuli_report import Findings, Ratio, Speed
+from benchmarks.shared.output import file_to_write, write_record
 
 if TYPE_CHECKING:
     from protocols.recipes.warped_clips import ClipName
@@ -34,91 +29,57 @@ if TYPE_CHECKING:
     from stimuli.rendering.scenery import Scenery
     from stimuli.worker import SceneContext
 
-PART = PagePart("stimuli table")
-RESULTS = Path(__file__).parent / "results" / "stimuli.json"
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, print a table, and write it with the renderer's name where asked."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="script/bench stimuli", description=__doc__)
     parser.add_argument("--scene", default="colonnade")
     parser.add_argument("--width", type=int, default=512)
     parser.add_argument("--frames", type=int, default=24)
     parser.add_argument("--methods", nargs="+", default=["reference", "push-pull", "metameric"])
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--write", action="store_true", help=f"write {RESULTS.name}")
-    parser.add_argument("--docs", type=PART.page, help="document whose table is replaced")
-    parser.add_argument("--memory-of", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--json", type=file_to_write, help="file to write the numbers to")
     parser.add_argument("--share", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(argv)
-    if options.memory_of:
-        print(_one_clip(options, options.methods[-1], options.memory_of))
-        return 0
     if options.share:
         _share(options)
         return 0
-    found = Findings(
-        renderer=_renderer(),
-        scene=options.scene,
-        width_px=options.width,
-        frames=options.frames,
-        rounds=options.rounds,
-        speeds=[_speed(options, method) for method in options.methods],
-        two_processes_over_one=_scaling(options),
-        peak_mib={
-            frames: _memory(options, frames) for frames in (options.frames, 2 * options.frames)
-        },
-    )
-    print(found.text())
-    if options.write:
-        RESULTS.write_text(json.dumps(found.content(), indent=1) + "\n", encoding="utf-8")
-    if options.docs is not None:
-        PART.replace(options.docs, found.markdown())
+    renderer = _renderer()
+    print(f"{renderer}; `{options.scene}`, {options.width} px wide, {options.frames} frames")
+    speeds = {method: _build_fps(options, method) for method in options.methods}
+    for method, fps in speeds.items():
+        print(f"{method:<12} {fps:5.1f} fps")
+    ratios = _scaling(options)
+    median, least, greatest = statistics.median(ratios), min(ratios), max(ratios)
+    print(f"two processes: {median:.2f} ({least:.2f} to {greatest:.2f}) times one")
+    if options.json is not None:
+        from protocols.revision import code_revision
+
+        record = {
+            "cores": os.cpu_count(), "platform": platform.platform(), "revision": code_revision(),
+            "load_average": os.getloadavg()[0], "renderer": renderer, "scene": options.scene,
+            "width_px": options.width, "frames": options.frames, "rounds": options.rounds,
+            "speeds": [{"method": name, "build_fps": fps} for name, fps in speeds.items()],
+            "two_processes_over_one": {"median": median, "least": least, "greatest": greatest},
+        }  # fmt: skip
+        write_record(options.json, record)
     return 0
 
 
-def _speed(options: argparse.Namespace, method: str) -> Speed:
-    from concurrent.futures import ThreadPoolExecutor
-
-    from stimuli.clip import ENCODERS, _frames, make_frames
-    from stimuli.media.png import encode_frame
-
-    bench, scenery, orders, clip, survey = _ready(options, method, options.frames)
-    wanted = list(range(options.frames))
-    seconds: list[tuple[float, float, float]] = []
-    try:
-        list(_frames(bench.ctx, scenery, orders, clip, survey, wanted[:2]))  # warm
-        for _ in range(options.rounds):
-            started = time.perf_counter()
-            colours = [
-                colour for _, colour in _frames(bench.ctx, scenery, orders, clip, survey, wanted)
-            ]
-            piped = time.perf_counter()
-            with ThreadPoolExecutor(ENCODERS) as pool:
-                list(pool.map(lambda colour: encode_frame(colour, 8), colours))
-            encoded = time.perf_counter()
-            with tempfile.TemporaryDirectory() as folder:
-                make_frames(bench.ctx, scenery, orders, clip, survey, Path(folder) / "clip")
-                built = time.perf_counter()
-            seconds.append((piped - started, encoded - piped, built - encoded))
-    finally:
-        bench.release()
-    fps = [options.frames / statistics.median(column) for column in zip(*seconds, strict=True)]
-    overhead = Ratio.of([build_s / max(pipe_s, png_s) for pipe_s, png_s, build_s in seconds])
-    return Speed(method, fps[0], fps[1], fps[2], overhead)
-
-
-def _one_clip(options: argparse.Namespace, method: str, frames: int) -> float:
-    """Return the most memory, in MiB, that a clip of `frames` held, not counting its start."""
+def _build_fps(options: argparse.Namespace, method: str) -> float:
     from stimuli.clip import make_frames
 
-    bench, scenery, orders, clip, survey = _ready(options, method, frames)
-    with tempfile.TemporaryDirectory() as folder:
-        Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
-        make_frames(bench.ctx, scenery, orders, clip, survey, Path(folder) / "clip")
-        status = Path("/proc/self/status").read_text()
-    bench.release()
-    return int(status.split("VmHWM:")[1].split()[0]) / 1024
+    bench, scenery, orders, clip, survey = _ready(options, method, options.frames)
+    seconds = []
+    try:
+        for _ in range(options.rounds + 1):  # the first one warms up
+            with tempfile.TemporaryDirectory() as folder:
+                started = time.perf_counter()
+                make_frames(bench.ctx, scenery, orders, clip, survey, Path(folder) / "clip")
+                seconds.append(time.perf_counter() - started)
+    finally:
+        bench.release()
+    return float(options.frames / statistics.median(seconds[1:]))
 
 
 def _share(options: argparse.Namespace) -> None:
@@ -135,7 +96,7 @@ def _share(options: argparse.Namespace) -> None:
     bench.release()
 
 
-def _scaling(options: argparse.Namespace) -> Ratio:
+def _scaling(options: argparse.Namespace) -> list[float]:
     """Two processes against one, in turns: each alone, then both at once."""
     environment = os.environ | {"LP_NUM_THREADS": "1"}
     both = [
@@ -153,7 +114,7 @@ def _scaling(options: argparse.Namespace) -> Ratio:
         rounds.append((first + second) / together)
     for process in both:
         process.communicate()
-    return Ratio.of(rounds)
+    return rounds
 
 
 def _together(processes: Sequence[subprocess.Popen[str]]) -> float:
@@ -174,15 +135,6 @@ def _await(process: subprocess.Popen[str], word: str) -> None:
         if line.strip() == word:
             return
     raise RuntimeError(f"a process of the benchmark ended with status {process.wait()}")
-
-
-def _memory(options: argparse.Namespace, frames: int) -> float:
-    result = subprocess.run(
-        [sys.executable, "-m", "benchmarks", "stimuli", *_again(options), "--memory-of",
-         str(frames)],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
-    return float(result.stdout.split()[-1])
 
 
 def _again(options: argparse.Namespace) -> list[str]:

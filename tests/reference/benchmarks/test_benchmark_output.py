@@ -20,6 +20,7 @@ from benchmarks.shared.output import PagePart, write_record
         ("quality", "--json"),
         ("scores", "--json"),
         ("session", "--json"),
+        ("stimuli", "--json"),
     ],
 )
 def test_a_file_in_no_folder_is_refused(name, option, tmp_path, capsys):
@@ -42,7 +43,6 @@ def test_a_file_in_no_folder_is_refused(name, option, tmp_path, capsys):
         ("foveate_bands", [], "foveation bands"),
         ("quality", [], "quality table"),
         ("scores", [], "scores"),
-        ("stimuli", [], "stimuli table"),
     ],
 )
 def test_a_page_without_the_part_is_refused(name, options, part, tmp_path, capsys):
