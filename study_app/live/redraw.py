@@ -90,7 +90,7 @@ class RedrawResult:
 def draw_again(
     renderer: LiveRenderer, gaze_state: GazeState, view: LiveView | None = None
 ) -> moderngl.Texture:
-    """Return what a renderer shows to a gaze."""
+    """Return the picture that a renderer draws for a gaze."""
     renderer.prepare(gaze_state.seed)
     renderer.hold(view or LiveView())
     return renderer.draw(gaze_state)
