@@ -32,8 +32,6 @@ class FamilyOfTests:
         No p is below that of participants who all agree.
     toward : float
         Chance that one of these answers so where there is nothing to find.
-    numbers : int
-        Numbers that each tests at once: without more participants than these there is no test.
     scenes : int
         Fewest scenes that one value of a factor shows alone: a bootstrap that draws them holds p by
         them, too; 0: it does not.
@@ -47,7 +45,6 @@ class FamilyOfTests:
     holm: bool = True
     people: bool = True
     toward: float = 0.5
-    numbers: int = 0
     scenes: int = 0
     draws: int = 0
 
@@ -86,7 +83,7 @@ class FamilyOfTests:
     def _held(self, people: int) -> Iterator[tuple[Words, int, Least, int]]:
         """Yield all that holds p: its words, its number, the least p of a number, the largest."""
         if self.people:
-            least = partial(_least_of_votes, toward=self.toward, numbers=self.numbers)
+            least = partial(_least_of_votes, toward=self.toward)
             yield partial(count_of, noun="participant"), people, least, MOST_UNITS
         if self.scenes:
             yield _scenes_at, self.scenes, _least_of_votes, MOST_UNITS
@@ -94,8 +91,8 @@ class FamilyOfTests:
             yield "bootstrap_draws = {}".format, self.draws, least_p_of_draws, MOST_DRAWS
 
 
-def _least_of_votes(number: int, toward: float = 0.5, numbers: int = 0) -> float:
-    return float(least_p(number, toward)) if number > numbers else 1.0
+def _least_of_votes(number: int, toward: float = 0.5) -> float:
+    return float(least_p(number, toward))
 
 
 def _scenes_at(number: int) -> str:

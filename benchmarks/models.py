@@ -30,7 +30,6 @@ from analysis.models.curves.goodness_of_fit import misfits
 from analysis.models.logistic import glmm_logit, models_beside
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import paired_ratings, rating_model
-from analysis.models.paired.joint_tests import joint_tests
 from analysis.models.psychometric import CurveForm, sigmoid
 from analysis.models.second_factor import jod_interactions, share_interactions
 from analysis.models.thresholds import fit_thresholds
@@ -239,25 +238,17 @@ def choices(design: Design, rng: np.random.Generator) -> Outcome:
     return one.p if one.ratio_p is None else one.ratio_p, one.lower <= 0.0 <= one.upper
 
 
-def scales(asked: str) -> Callable[..., Outcome]:
-    """Return what simulates three equal methods and asks of "equal", "axis" or "difference"."""
-
-    def judged(design: Design, rng: np.random.Generator) -> Outcome:
-        person = rng.normal(0.0, design.person[1], (design.people, 1, 3))
-        taste = person + rng.normal(0.0, design.scene[1], (1, design.scenes, 3))
-        wins = np.zeros((design.people, design.scenes, 3, 3))
-        for i, j in ((0, 1), (0, 2), (1, 2)):
-            won = rng.binomial(design.repeats, ndtr(taste[..., i] - taste[..., j]))
-            wins[..., i, j], wins[..., j, i] = won, design.repeats - won
-        if asked == "difference":
-            found = bootstrap_scale(wins, rng=rng)
-            lower, upper = found.difference_lower[0, 1], found.difference_upper[0, 1]
-            return float(found.difference_p[0, 1]), bool(lower <= 0.0 <= upper)
-        tests = joint_tests(wins, rng=rng, samples=1000)
-        test = tests.equal if asked == "equal" else tests.axis
-        return None if test is None else (test.p, None)
-
-    return judged
+def scales(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate three equal methods, and judge one difference in JOD."""
+    person = rng.normal(0.0, design.person[1], (design.people, 1, 3))
+    taste = person + rng.normal(0.0, design.scene[1], (1, design.scenes, 3))
+    wins = np.zeros((design.people, design.scenes, 3, 3))
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        won = rng.binomial(design.repeats, ndtr(taste[..., i] - taste[..., j]))
+        wins[..., i, j], wins[..., j, i] = won, design.repeats - won
+    found = bootstrap_scale(wins, rng=rng)
+    lower, upper = found.difference_lower[0, 1], found.difference_upper[0, 1]
+    return float(found.difference_p[0, 1]), bool(lower <= 0.0 <= upper)
 
 
 def interaction(measure: str, apart: bool) -> Callable[..., Outcome]:
@@ -360,10 +351,7 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
             found.append(("choices", f"{size}, scenes {own:g}", design, choices))
         for own in (0.0, 0.3):
             design = Design(people, scenes, repeats, (0.0, 0.4), (0.0, own))
-            found += [
-                ("scales", f"{size}, scene x method {own:g}, {asked}", design, scales(asked))
-                for asked in ("equal", "axis", "difference")
-            ]
+            found.append(("scales", f"{size}, scene x method {own:g}, difference", design, scales))
         design = Design(people, scenes, repeats, (0.6, 0.3), (0.4, 0.3))
         for apart in (False, True):
             told = f"{size}, each scene at {'one size' if apart else 'both sizes'}"

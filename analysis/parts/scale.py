@@ -149,7 +149,7 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
 
 
 def _family(methods: int) -> FamilyOfTests:
-    return FamilyOfTests("difference", " in JOD, or in odds,", math.comb(methods, 2))
+    return FamilyOfTests("difference", " in JOD", math.comb(methods, 2))
 
 
 def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
@@ -178,12 +178,6 @@ def _score(place: int, one: OrderEffect) -> str:
 
 def _value(one: Mapping[Any, Any], name: str) -> str:
     return number(one[name], within=(one["lower"], one["upper"]))
-
-
-def vote_tensor(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
-    """Count votes (participants, scenes, k, k) for i over j; also return the participants."""
-    votes, people = ordered_votes(decisions, methods)
-    return votes.sum(axis=2), people
 
 
 def ordered_votes(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:

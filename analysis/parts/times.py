@@ -1,4 +1,4 @@
-"""Reaction times: summaries, a log-normal mixed model, and EZ diffusion."""
+"""Reaction times: summaries, and a log-normal mixed model."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,8 +11,6 @@ import pandas as pd
 
 from analysis.answers import SimulatedAnswers
 from analysis.data_dictionary import frame_of
-from analysis.models.contrasts import Difference
-from analysis.models.diffusion import MEASURES, DiffusionResults, diffusion_by_condition
 from analysis.models.mixed.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
 from analysis.models.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.parts import AnalysisPlan, PartFigure, Presentation, SimplePart, Tests, tried
@@ -25,7 +23,6 @@ from analysis.parts.margins import (
 from analysis.parts.shared import (
     RATIOS,
     TESTED,
-    TableColumn,
     apa_test,
     compared,
     law_of_mixed,
@@ -44,13 +41,9 @@ from analysis.report.wording import (
     number,
     number_range,
     placed,
-    size,
-    size_range,
 )
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Cautions, FigurePlace, Paragraph, TableBlock
-
-COLUMNS = {"drift": "Drift, 1/s", "boundary": "Boundary", "nondecision_s": "Non-decision time, s"}
 
 
 @dataclass(frozen=True)
@@ -63,12 +56,11 @@ class Times:
     summary: tuple[ReactionTimes, ...]
     medians: Mapping[str, tuple[float, ...]]
     model: TimeModel | None
-    diffusion: DiffusionResults | None
     notes: tuple[str, ...]
 
 
 class TimesPart(SimplePart[AnalysisPlan, Times]):
-    """Reaction times of any task; EZ diffusion where one of two answers is right."""
+    """Reaction times of any task."""
 
     name: ClassVar[str] = "times"
     section: ClassVar[tuple[str, str]] = ("checks", "Learning, speed")
@@ -86,7 +78,7 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
         summary = reaction_times(rows, plan.compared, level=level)
         names = plan.in_order([one.condition for one in summary])
         reference = plan.reference_in(names)
-        model, diffusion = None, None
+        model = None
         if plan.reaction == "models":
             model = tried(
                 lambda: time_model(
@@ -101,19 +93,10 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
             )
             count = len(model.ratios) if model else 0
             notes += _family(count, plan).hopeless(rows["participant"].nunique(), plan.alpha)
-            if "correct" in rows and plan.alternatives == 2:
-                diffusion = tried(
-                    lambda: diffusion_by_condition(
-                        rows, plan.compared, reference=reference, level=level
-                    ),
-                    "diffusion model",
-                    notes,
-                )
         return Times(
             summary=tuple(sorted(summary, key=lambda one: names.index(one.condition))),
             medians=participant_medians(rows, plan.compared),
             model=model,
-            diffusion=diffusion,
             notes=tuple(notes),
         )
 
@@ -142,7 +125,6 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
             blocks=(
                 *_summary(found, plan),
                 *_model(found.model, plan),
-                *_ez(found.diffusion, plan),
             ),
             sentences=tuple(_sentences(found, plan)),
             methods=" ".join(_methods(found)),
@@ -205,56 +187,12 @@ def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
     yield Cautions("When not to trust this model of times", model.warnings)
 
 
-def _ez(found: DiffusionResults | None, plan: AnalysisPlan) -> Iterator[Block]:
-    if found is None:
-        return
-    yield TableBlock.each(
-        "EZ diffusion: means over participants",
-        found.conditions,
-        ("Condition", "l", lambda one: plan.label(one.condition)),
-        ("People", "", lambda one: str(one.participants)),
-        *(column for measure in MEASURES for column in _columns(measure)),
-    )
-    if found.contrasts:
-        yield TableBlock.each(
-            "Differences, paired over participants",
-            found.contrasts,
-            compared(plan),
-            ("Of", "l", lambda one: _measure(one.measure)),
-            ("Difference", "strong", lambda one: placed(one, one.difference)),
-            limits(),
-            *TESTED,
-        )
-    yield Paragraph(
-        "Drift: how fast evidence comes; boundary: how much of it is asked for; non-decision time:"
-        " for seeing and pressing (Wagenmakers et al. 2007). It takes right and wrong answers as"
-        " equally fast.",
-        muted=True,
-    )
-    yield Cautions("When not to trust EZ diffusion", found.warnings)
-
-
-def _columns(measure: str) -> tuple[TableColumn, TableColumn]:
-    return (
-        (
-            COLUMNS[measure],
-            "n",
-            lambda one: number(one.means[measure], within=(one.lower[measure], one.upper[measure])),
-        ),
-        ("limits", "n", lambda one: number_range(one.lower[measure], one.upper[measure])),
-    )
-
-
 def _deviations(model: TimeModel) -> dict[str, float]:
     """Return standard deviations of all effects of the model but the residual, by name."""
     return {
         " x ".join(f"{word}s" for word in one.name.split(" x ")): one.sd
         for one in model.deviations[:-1]
     }
-
-
-def _measure(name: str) -> str:
-    return COLUMNS[name].partition(",")[0].lower()
 
 
 def _sentences(found: Times, plan: AnalysisPlan) -> Iterator[str]:
@@ -281,13 +219,6 @@ def _sentences(found: Times, plan: AnalysisPlan) -> Iterator[str]:
     if found.model:
         unit = "times as long"
         yield from contrast_sentences(found.model.margins, plan, unit, exponent)
-    for gap in found.diffusion.contrasts if found.diffusion else ():
-        unit, ends = " s" * (gap.measure == "nondecision_s"), (gap.lower, gap.upper)
-        yield (
-            f"EZ diffusion, {label(gap.first)} minus {label(gap.second)}:"
-            f" {size(gap.difference, within=ends)}{unit} in {_measure(gap.measure)},"
-            f" {level_text(gap.level)} {size_range(ends)}, {apa_test(gap)}."
-        )
 
 
 def _methods(found: Times) -> Iterator[str]:
@@ -301,12 +232,6 @@ def _methods(found: Times) -> Iterator[str]:
             f" {', '.join(_deviations(found.model))}; likelihood ratios (maximum likelihood) and"
             f" Wald's tests are {law_of_mixed(scenes=found.model.scenes > 1)}"
             f"{', Holm-adjusted' * (len(found.model.ratios) > 1)}."
-        )
-    if found.diffusion is not None:
-        yield (
-            "EZ diffusion (Wagenmakers, van der Maas & Grasman, 2007) was fitted to each"
-            " participant in each condition; conditions were compared by paired t tests over"
-            " participants, Holm-adjusted within each measure."
         )
 
 
@@ -335,14 +260,4 @@ def _tables(found: Times) -> dict[str, pd.DataFrame]:
         tables["times.csv"] = pd.DataFrame([vars(one) for one in found.model.times])
         tables["ratios.csv"] = frame_of(TimeRatio, found.model.ratios)
         tables |= margin_tables(found.model.margins, "times")
-    if found.diffusion is not None:
-        tables["diffusion.csv"] = pd.DataFrame(
-            [
-                {"participant": one.participant, "condition": one.condition, "trials": one.trials}
-                | {name: getattr(one.fit, name) for name in (*MEASURES, "share")}
-                | {"corrected": int(one.fit.corrected)}
-                for one in found.diffusion.people
-            ]
-        )
-        tables["diffusion_comparisons.csv"] = frame_of(Difference, found.diffusion.contrasts)
     return {name: table.replace([np.inf, -np.inf], np.nan) for name, table in tables.items()}

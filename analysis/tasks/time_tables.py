@@ -69,12 +69,7 @@ class TableOfTimes(TaskAnalysis[TimesPlan]):
         return as_decisions(read_times(table, mapping, by=told.by or None))
 
     def table_notes(self, decisions: pd.DataFrame, settings: TimesPlan) -> Sequence[str]:
-        """Return the reason why there is no EZ diffusion, and a note on answers below guessing."""
-        if settings.alternatives is None:
-            return (
-                "no column correct, nor expected and answer: EZ diffusion needs to know which"
-                " answers were right",
-            )
-        if settings.alternatives > 2:
-            return (f"EZ diffusion is of two answers (found {settings.alternatives})",)
+        """Return a note on answers of two alternatives that are below guessing."""
+        if settings.alternatives != 2:
+            return ()
         return below_guessing(decisions, 0.5)

@@ -306,8 +306,7 @@ def _times(protocol: StudyProtocol) -> list[str]:
         "Reaction times are a question of their own: a log-normal mixed model compares conditions"
         f" (likelihood ratio, two-sided, alpha = {protocol.analysis.alpha:g}, Holm-adjusted over"
         " its comparisons)."
-        " Where answers are two and right or wrong, EZ diffusion is fitted too. Times decide"
-        " nothing about the tests above."
+        " Times decide nothing about the tests above."
     ]
 
 

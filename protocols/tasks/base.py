@@ -126,8 +126,7 @@ class Analysis(ExtendedModel):
     exclusions: Exclusions = Exclusions()
     """Default: the defaults of Exclusions."""
     reaction: Literal["summary", "models"] = "summary"
-    """`summary`: medians and means of reaction times. `models`: also a log-normal mixed model and,
-    for two answers that are right or wrong, EZ diffusion."""
+    """`summary`: medians and means of reaction times. `models`: also a log-normal mixed model."""
 
     def problems(self, _task: Task, _pool: Pool, /) -> Iterator[Problem]:
         """Yield all that does not fit the rest of the study."""

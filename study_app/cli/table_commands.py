@@ -179,11 +179,9 @@ def detection() -> None:
 
 @_question(TimeTableSettings, ("by", "baseline", "contrasts", "bootstrap_draws"))
 def reaction() -> None:
-    """Compare reaction times between conditions: a log-normal mixed model, and EZ diffusion.
+    """Compare reaction times between conditions by a log-normal mixed model.
 
     Needs the columns participant and rt_s (seconds), of any task, and scene if there are several.
-    With correct (1/0; or expected and answer) of a task with two answers, EZ diffusion splits
-    times and errors into how fast evidence arrives, caution, and the time for seeing and pressing.
 
     Example: metamerlab analysis reaction acuity.csv --by method --map rt_s=seconds --out times
     """

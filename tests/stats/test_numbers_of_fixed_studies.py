@@ -19,7 +19,6 @@ from analysis.models.curves.psychometric_posterior import WIDTH_OF_LEVELS
 RENAMED = (
     (r"results\.reaction\.(.*)", r"results.times.summary.\1"),
     (r"results\.times\.(.*)", r"results.times.model.\1"),
-    (r"results\.diffusion\.(.*)", r"results.times.diffusion.\1"),
     (r"results\.learning\.\d+\.1\.outcome", ""),  # was the name of a column
     (r"results\.learning\.(\d+)\.0", r"results.learning.trends.\1.outcome"),
     (r"results\.learning\.(\d+)\.1\.(.*)", r"results.learning.trends.\1.\2"),
@@ -44,7 +43,7 @@ RENAMED = (
     (r"results\.critical\.(.*)", r"results.critical.fits.\1"),
     (r"results\.critical_contrasts\.(.*)", r"results.critical.contrasts.\1"),
     (r"results\.(participant|scene)_shares\.([^/]*)", r"results.people.\1s.\2"),
-    (r"result\.((?:summary|model|diffusion)\..*)", r"results.times.\1"),
+    (r"result\.((?:summary|model)\..*)", r"results.times.\1"),
     (r"result\.(sensitivity\..*)", r"results.\1"),
     (r"result\.(people|within|between)(.*)", r"results.psychometric.\1\2"),
     (r"result\.population\.(.*)", r"results.thresholds.\1"),
@@ -53,15 +52,8 @@ RENAMED = (
 """Stored name (a pattern of the whole path) and today's, in the order in which they are tried."""
 REWORDED = (
     ("participants show no p below", "participants can show no p below"),
-    (
-        "no column correct: EZ diffusion needs",
-        "no column correct, nor expected and answer: EZ diffusion needs",
-    ),
     ("last trial right changed", "last trial right answers changed"),
     ("last trial log_rt changed", "last trial logarithm of the reaction time changed"),
-    (" in nondecision_s", " s in non-decision time"),
-    ("nondecision_s", "non-decision time"),
-    ("Other time, s", "Non-decision time, s"),
     (r"\((\d+)\.0\)", r"(\1)"),  # degrees of freedom that are whole, t(5.0)
     (r"= -0\.00\b", "= 0.00"),
     (r" \| (\d+)\.0 \| (?!\[)", r" | \1 | "),  # not of values, which limits follow

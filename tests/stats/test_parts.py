@@ -39,8 +39,8 @@ REPORTS = {
     "abx": (*_RIGHT, "critical"),
     "ratings": ("ratings", "random_ratings", "learning", "times"),
     "preference": (
-        *("preferences", "leaving_out", "interaction", "choice_models", "random_effects"),
-        *("scale", "joint_scale", "strengths", "bias", "learning", "times"),
+        *("preferences", "achieved_power", "interaction", "choice_models", "random_effects"),
+        *("scale", "bias", "learning", "times"),
     ),
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
@@ -109,12 +109,11 @@ SAID = {
         "tables": {"interaction.csv", "interaction_shares.csv"},
         "figure": "interaction",
     },
-    "leaving_out": {
+    "achieved_power": {
         "section": "preference",
-        "sentence": "Without each participant and each scene in turn",
-        "methods": "judged again without each participant",
-        "tables": {"leaving_out.csv"},
-        "figure": "leaving_out",
+        "sentence": "In JOD the primary comparison is",
+        "methods": "power of the primary comparison for the smallest effect of interest",
+        "tables": set(),
     },
     "choice_models": {
         "section": "models",
@@ -131,21 +130,6 @@ SAID = {
         "methods": "Quality in just objectionable differences",
         "tables": {"scale.csv", "scale_differences.csv"},
         "figure": "scale",
-    },
-    "strengths": {
-        "section": "scale",
-        "caption": "Bradley-Terry strengths, log odds",
-        "sentence": "The odds of choosing ours over plain (large) were 1",
-        "methods": "Strengths are log odds by maximum likelihood",
-        "tables": {"strengths.csv", "odds.csv"},
-        "figure": "strengths",
-    },
-    "joint_scale": {
-        "section": "scale",
-        "caption": "All methods at once, by bootstrap",
-        "sentence": "That one axis suffices",
-        "methods": "tested by Hotelling",
-        "tables": {"joint_scale.csv"},
     },
     "bias": {
         "section": "checks",
@@ -273,7 +257,6 @@ def check(folder, parts, page: str) -> None:
     # A t is said with its value; degrees of freedom have no digit that says nothing.
     assert not re.search(r"\bt\([\d.]+\)(?! = -?\d)", sentences)
     assert not re.search(r"\(\d+\.0\)", page)
-    assert "nondecision_s" not in page.split('id="provenance"')[0]
     written = [file.read_bytes() for file in sorted((folder / "tables").glob("*.csv"))]
     assert len({*written}) == len(written)
     for name in parts:
@@ -357,27 +340,18 @@ def times_of(folder, rows: pd.DataFrame) -> Any:
 
 
 def test_reaction_reads_right_answers_as_all_other_readers_do(trials, tmp_path):
-    """Before, it wanted a column `correct`, and fitted no EZ diffusion without it."""
-    judged = times_of(tmp_path, trials.drop(columns=["expected", "answer"]))
-    named = times_of(tmp_path, trials.drop(columns="correct"))
-    assert judged["diffusion"]["people"]
-    assert named["diffusion"] == judged["diffusion"]
-    assert times_of(tmp_path, trials.drop(columns=["correct", "answer"]))["diffusion"] is None
+    table = tmp_path / "rows.csv"
+
+    def correct(rows: pd.DataFrame) -> list[int]:
+        rows.to_csv(table, index=False)
+        return list(read_times(table, by="method")["correct"])
+
+    judged = correct(trials.drop(columns=["expected", "answer"]))
+    assert correct(trials.drop(columns="correct")) == judged
     wrong = trials.assign(correct=1)
     wrong.to_csv(tmp_path / "wrong.csv", index=False)
     with pytest.raises(StudyError, match="correct must agree with expected and answer"):
         read_times(tmp_path / "wrong.csv", by="method")
-
-
-def test_ez_diffusion_is_not_fitted_to_four_answers(tmp_path):
-    rows = TABLES["four-answers"][2]()
-    rows.to_csv(tmp_path / "rows.csv", index=False)
-    done = CliRunner().invoke(
-        app, ["analysis", "reaction", str(tmp_path / "rows.csv")], env={"COLUMNS": "200"}
-    )
-    assert done.exit_code == 0, done.output
-    assert "note: EZ diffusion is of two answers (found 4)" in done.output
-    assert "EZ diffusion: means" not in done.output
 
 
 @pytest.mark.parametrize("lost", ["rt_s", "correct"])

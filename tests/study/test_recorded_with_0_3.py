@@ -124,7 +124,7 @@ def stays(results: Path) -> Iterator[tuple[str, object]]:
     yield from leaves({part: numbers[part] for part in ("flow", "participants")})
     for part in COMPARED:
         for place, value in leaves(numbers["results"].get(part, {}), part):
-            if place.rpartition(".")[2] in PLAIN:
+            if place.rpartition(".")[2] in PLAIN and not place.startswith("times.diffusion."):
                 yield place, value
 
 

@@ -8,16 +8,14 @@ import pandas as pd
 
 from analysis.models.compared_methods import as_numbers, pairing_rows
 from analysis.parts import AnyPart
+from analysis.parts.achieved_power import AchievedPowerPart
 from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.interaction import PreferenceInteraction
-from analysis.parts.joint_scale import JointScalePart
 from analysis.parts.learning import ChoiceLearning
-from analysis.parts.leaving_out import LeavingOutPart
 from analysis.parts.preferences import PreferencesPart
 from analysis.parts.random_effects import ChoiceEffects, TimeEffects
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
-from analysis.parts.strengths import StrengthsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.preference_plan import (
     PreferencePlan,
@@ -44,13 +42,11 @@ class PreferenceOfPairs(TaskAnalysis[PreferencePlan]):
     options: ClassVar[type[Analysis]] = PreferenceTableSettings
     parts: ClassVar[tuple[AnyPart, ...]] = (
         PreferencesPart(),
-        LeavingOutPart(),
+        AchievedPowerPart(),
         PreferenceInteraction(),
         ChoiceModelsPart(),
         ChoiceEffects(ChoiceModelsPart()),
         ScalePart(),
-        JointScalePart(),
-        StrengthsPart(),
         BiasPart(),
         ChoiceLearning(),
         TimesPart(),

@@ -17,7 +17,6 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from analysis.models import scaling
-from analysis.models.diffusion import diffusion_by_condition
 from analysis.models.logistic import glm_logit, models_beside
 from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.models.psychometric import fit_psychometric
@@ -258,18 +257,15 @@ def test_a_trend_without_a_test_has_no_p():
     assert {cell for row in table.rows for cell in row[1:]} == {"none"}
 
 
-def test_times_and_diffusion_of_one_person_have_no_limits():
+def test_times_of_one_person_have_no_limits():
     rng = np.random.default_rng(2)
     rows = pd.DataFrame(
         {"participant": "p", "rt_s": rng.gamma(4, 0.1, 80) + 0.3, "correct": [1, 1, 1, 0] * 20}
     )
     (times,) = reaction_times(rows, ())
-    (means,) = diffusion_by_condition(rows).conditions
 
     assert times.mean_of_medians > 0
     assert np.isnan([times.lower, times.upper]).all()
-    assert math.isfinite(means.means["drift"])
-    assert np.isnan([means.lower["drift"], means.upper["boundary"]]).all()
     reaction_plot([times], {"all trials": [0.6]})
 
 
@@ -283,18 +279,3 @@ def test_a_scale_whose_fit_does_not_converge_has_no_scores(monkeypatch):
 
     assert np.isnan(found.scores).all()
     assert any("left out" in note for note in found.warnings)
-
-
-def test_a_time_below_0_is_not_printed_and_not_averaged():
-    rng = np.random.default_rng(4)
-    rows = pd.DataFrame({"participant": ["p", "q", "r"] * 60, "correct": [1] * 120 + [0] * 60})
-    rows["rt_s"] = rng.gamma(4, 0.05, 180) + 0.4
-    rows.loc[(rows["participant"] == "p") & (rows.index % 12 == 0), "rt_s"] = 6.0  # outliers
-    found = diffusion_by_condition(rows)
-    times = {one.participant: one.fit.nondecision_s for one in found.people}
-
-    assert math.isnan(times["p"])
-    assert any("p, all: no non-decision time" in note for note in found.warnings)
-    (mean,) = found.conditions
-    assert mean.means["nondecision_s"] == pytest.approx((times["q"] + times["r"]) / 2)
-    assert all(math.isfinite(one.fit.drift) for one in found.people)

@@ -1,4 +1,4 @@
-"""Reaction times: EZ diffusion of the paper, and lme4's mixed model."""
+"""Reaction times: lme4's mixed model."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from analysis.models.contrasts import MOST_CONDITIONS, pairs_of
-from analysis.models.diffusion import diffusion_by_condition, ez_diffusion
 from analysis.models.mixed.arrow_matrix import MOST_LEVELS
 from analysis.models.mixed.linear_mixed import fit_linear_mixed
 from analysis.models.mixed.reaction_model import time_model
@@ -29,94 +28,6 @@ ORACLE = json.loads((FOLDER / "oracle_times.json").read_text())
 @pytest.fixture(scope="module")
 def times() -> pd.DataFrame:
     return pd.read_csv(FOLDER / "times.csv")
-
-
-def test_ez_gives_the_papers_worked_example():
-    """Pc .802, VRT .112 s2, MRT .723 s: v = 0.10, a = 0.14, Ter = 0.30 (three digits in the R)."""
-    fit = ez_diffusion(0.802, 0.112, 0.723)
-
-    assert fit.drift == pytest.approx(0.0999, abs=5e-5)
-    assert fit.boundary == pytest.approx(0.1400, abs=5e-5)
-    assert fit.nondecision_s == pytest.approx(0.300, abs=5e-5)
-    assert not fit.corrected
-
-
-@pytest.mark.parametrize(("drift", "boundary", "other_s"), [(0.2, 0.12, 0.25), (0.05, 0.16, 0.4)])
-def test_ez_inverts_the_models_own_moments(drift, boundary, other_s):
-    """Accuracy, mean and variance of first passages between 0 and a, started midway."""
-    y = -drift * boundary / 0.01
-    share = 1.0 / (1.0 + np.exp(y))
-    mean = boundary / (2 * drift) * (1 - np.exp(y)) / (1 + np.exp(y)) + other_s
-    variance = (
-        boundary * 0.01 / (2 * drift**3)
-        * (2 * y * np.exp(y) - np.exp(2 * y) + 1) / (np.exp(y) + 1) ** 2
-    )  # fmt: skip
-    fit = ez_diffusion(share, variance, mean)
-
-    assert (fit.drift, fit.boundary, fit.nondecision_s) == pytest.approx((drift, boundary, other_s))
-
-
-def test_ez_recovers_a_simulated_walk():
-    """A random walk in small steps, not the formula."""
-    rng = np.random.default_rng(2)
-    step_s, drift, boundary, other_s = 1e-3, 0.15, 0.12, 0.3
-    place, time = np.full(4000, 0.5 * boundary), np.full(4000, other_s)
-    alive = np.ones(4000, bool)
-    while alive.any():
-        count = int(alive.sum())
-        place[alive] += drift * step_s + 0.1 * np.sqrt(step_s) * rng.standard_normal(count)
-        time[alive] += step_s
-        alive &= (place > 0) & (place < boundary)
-    right = place >= boundary
-    fit = ez_diffusion(float(right.mean()), float(time[right].var()), float(time[right].mean()))
-
-    # Walks in steps overshoot: the boundary seems .58 sigma sqrt(dt) further away on each side.
-    assert fit.drift == pytest.approx(drift, rel=0.08)
-    assert fit.boundary == pytest.approx(boundary + 2 * 0.58 * 0.1 * np.sqrt(step_s), rel=0.05)
-    assert fit.nondecision_s == pytest.approx(other_s, abs=0.02)
-
-
-@pytest.mark.parametrize(("share", "moved"), [(1.0, 0.975), (0.0, 0.025), (0.5, 0.525)])
-def test_shares_at_which_the_equations_break_move_by_half_a_trial(share, moved):
-    fit = ez_diffusion(share, 0.1, 0.7, trials=20)
-
-    assert fit.corrected
-    assert fit.share == pytest.approx(moved)
-    assert np.sign(fit.drift) == np.sign(moved - 0.5)
-    with pytest.raises(ValueError, match="trials must be given"):
-        ez_diffusion(share, 0.1, 0.7)
-
-
-def test_conditions_are_compared_within_people(times):
-    """A constant added to one condition's times is non-decision time, for everyone."""
-    rows = times.assign(rt_s=times["rt_s"] + 0.2 * (times["cond"] == "b"))
-    plain = diffusion_by_condition(times, ("cond",), reference="a")
-    later = diffusion_by_condition(rows, ("cond",), reference="a")
-
-    def gap(found, measure):
-        (one,) = [c for c in found.contrasts if (c.first, c.measure) == ("b", measure)]
-        return one.difference
-
-    assert gap(later, "nondecision_s") - gap(plain, "nondecision_s") == pytest.approx(0.2)
-    assert gap(later, "drift") == pytest.approx(gap(plain, "drift"))
-    assert gap(later, "boundary") == pytest.approx(gap(plain, "boundary"))
-    first = plain.people[0]
-    own = times.query("participant == 'P01' and cond == 'a'")
-    assert first.fit.share == pytest.approx(own["correct"].mean())
-    assert first.fit.mean_s == pytest.approx(own.query("correct == 1")["rt_s"].mean())
-
-
-def test_what_speaks_against_the_model_is_noted():
-    rng = np.random.default_rng(0)
-    right = np.repeat([1, 0], [60, 30])
-    rows = pd.DataFrame({"participant": "P1", "correct": right})
-    rows["rt_s"] = np.where(right == 1, 0.5, 1.2) + rng.exponential(0.2, 90)
-    found = diffusion_by_condition(rows)
-
-    assert any("differ in speed" in note for note in found.warnings)
-    assert any("fewer than two" in note for note in diffusion_by_condition(
-        pd.concat([rows, pd.DataFrame({"participant": ["P2"], "correct": [1], "rt_s": [0.4]})])
-    ).warnings)  # fmt: skip
 
 
 def test_the_mixed_model_is_lme4s(times):
@@ -223,7 +134,7 @@ def test_equal_conditions_are_called_different_as_rarely_as_said():
 
 
 @pytest.mark.slow
-def test_the_command_tells_and_writes_both(times, tmp_path):
+def test_the_command_tells_and_writes_its_tables(times, tmp_path):
     file = tmp_path / "t.csv"
     times.rename(columns={"rt_s": "seconds"}).to_csv(file, index=False)
     out = tmp_path / "out"
@@ -238,13 +149,10 @@ def test_the_command_tells_and_writes_both(times, tmp_path):
     assert "405 reaction times of 9 participants" in result.output
     assert "Answers to c took 1.31 times as long as those to a" in result.output
     tables = out / "tables"
-    assert len(pd.read_csv(tables / "diffusion.csv")) == 27
-    assert set(pd.read_csv(tables / "diffusion_comparisons.csv")["measure"]) == {
-        "drift", "boundary", "nondecision_s",
-    }  # fmt: skip
+    assert [*pd.read_csv(tables / "ratios.csv")["first"]] == ["b", "c"]
     assert (out / "figures" / "reaction-2-column.svg").is_file()
     assert "Ratios of answer times" in result.output
-    assert "EZ diffusion: means over participants" in (out / "report.html").read_text()
+    assert "Ratios of answer times" in (out / "report.html").read_text()
 
 
 def test_a_baseline_that_is_none_is_refused(times, tmp_path):
@@ -270,15 +178,13 @@ def test_a_report_models_times_where_the_study_asks_for_it(times, tmp_path, aske
 
     page = made.html.read_text()
     assert ("log-normal mixed model" in page) == (asked == "models")
-    assert ("EZ diffusion" in page) == (asked == "models")
     if asked == "summary":
-        assert (found["model"], found["diffusion"]) == (None, None)
+        assert found["model"] is None
         return
     wanted = time_model(times, ("cond",), reference="a")
     assert [one["ratio"] for one in found["model"]["ratios"]] == pytest.approx(
         [one.ratio for one in wanted.ratios], rel=1e-6
     )
-    assert len(found["diffusion"]["people"]) > 0
 
 
 def test_thousands_of_participants_take_little_memory_and_too_many_are_refused(rng):

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from web_study import WEB_CASES
 
 from analysis.parts import Part, computed
 from analysis.parts.interaction import PreferenceInteraction
-from analysis.parts.joint_scale import JointScalePart
 from analysis.parts.shared import planned_family
 from analysis.planning import planning_notes
 from analysis.plans.rate_plan import RatePlan
@@ -49,7 +47,7 @@ def test_planning_says_what_two_scenes_and_small_families_cannot_show(tmp_path):
         update={"analysis": study.analysis.model_copy(update={"test": "participant"})}
     )
 
-    few = ["the primary", "none of", "none of", "the joint", "the joint"]
+    few = ["the primary", "none of", "none of"]
     assert [" ".join(note.split()[:2]) for note in planning_notes(study)] == [*few, "two scenes"]
     assert [" ".join(note.split()[:2]) for note in planning_notes(participant)] == few
     assert planning_notes(load_protocol(Path("inpainting-2afc"))) == []
@@ -157,29 +155,6 @@ def test_scenes_of_one_size_alone_hold_changes_in_jod(large, rng):
     assert found.jod[0].gap.p == pytest.approx(2 * 0.5**large)
     assert found.shares[0].gap.p < 0.05
     assert in_jod.hopeless(12, 0.05)[0] in found.notes
-
-
-@pytest.mark.parametrize(("people", "impossible"), [(5, 2), (10, 1), (11, 0)])
-def test_joint_tests_that_so_few_people_cannot_have_are_said_before_and_after(
-    people, impossible, rng
-):
-    """Six methods have 5 differences, and 15 pairs 10 shares beyond them: 11 people are needed."""
-    plan = analysis_of("preference").settings(load_protocol(Path("inpainting-2afc")))
-    one, pairs = plan.comparisons[0], tuple(combinations("abcdef", 2))
-    compared = tuple(replace(one, method=first, against=second) for first, second in pairs)
-    plan = plan.but(methods=tuple("abcdef"), pairings=pairs, comparisons=compared, sizes=("small",),
-                    primary=(*pairs[0], "small"))  # fmt: skip
-    simulation = Choices(plan, (JointScalePart(),))
-    assumed = {one.name: one.value for one in simulation.assumptions}
-    answers = simulation.draw(assumed, 1, people, rng)
-    (part,) = simulation.parts
-    (found,) = part.compute(simulation.table(answers), plan, {}, rng).sizes
-    said = [note for one in simulation.families() for note in one.hopeless(people, plan.alpha)]
-
-    assert [found.tests.equal, found.tests.axis].count(None) == impossible == len(said)
-    assert list(found.tests.notes) == said
-    assert all("one axis suffices (10 numbers at once)" in note for note in said[-1:])
-    assert all("that takes 11 participants" in note for note in said[-1:])
 
 
 def test_changes_of_right_answers_are_warned_of_at_planning(tmp_path):

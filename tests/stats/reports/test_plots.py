@@ -36,7 +36,7 @@ from analysis.models.reaction import reaction_times
 from analysis.models.scaling import scale
 from analysis.models.thresholds import fit_thresholds
 from analysis.models.trends import course
-from analysis.parts.scale import vote_tensor
+from analysis.parts.scale import ordered_votes
 from analysis.plots import (
     ONE_COLUMN_IN,
     TWO_COLUMNS_IN,
@@ -112,7 +112,7 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     names = ("metameric", "push-pull", "reference")
     scales = {}
     for size in ("small", "large"):
-        votes, _ = vote_tensor(rows[rows["size"] == size], names)
+        votes = ordered_votes(rows[rows["size"] == size], names)[0].sum(axis=2)
         limits = bootstrap_scale(votes, rng=np.random.default_rng(0), samples=200)
         scales[size] = (scale(votes.sum(axis=(0, 1)), names), limits)
     x, trials = np.array([5.0, 10, 15, 20, 25]), np.full(5, 140)

@@ -25,7 +25,7 @@ from analysis.tables.table import Table
 from analysis.tasks import analysis_of
 from protocols.blocks import Box, TableBlock
 
-CHOICES = ("preferences", "choice_models", "scale", "strengths")
+CHOICES = ("preferences", "choice_models", "scale")
 
 
 def content(name: str, folder: Path, rows: pd.DataFrame, *only: str, **said: Any) -> ReportContent:

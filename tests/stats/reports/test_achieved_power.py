@@ -1,4 +1,4 @@
-"""Influence on the primary comparison of each participant and scene, in JOD, and power."""
+"""The primary comparison in JOD, and its power with those who came or are planned."""
 
 import numpy as np
 import pandas as pd
@@ -8,7 +8,7 @@ from scipy import stats
 from analysis.models.clustered import two_way
 from analysis.models.preference import preference
 from analysis.parts import computed
-from analysis.parts.leaving_out import LeavingOutPart, _power
+from analysis.parts.achieved_power import AchievedPowerPart, _power
 from analysis.plans.preference_plan import from_decisions
 from analysis.plans.table_settings import PreferenceTableSettings
 
@@ -27,34 +27,9 @@ def decisions(rng, *, people=9, scenes=5, repeats=3, shares=None):
 
 def found_of(table, **options):
     plan = from_decisions(table, "made up", PreferenceTableSettings(primary="ours/blur", **options))
-    found, notes = computed([LeavingOutPart()], table, plan)
+    found, notes = computed([AchievedPowerPart()], table, plan)
     assert notes == ()
-    return found.get("leaving_out"), plan
-
-
-def test_without_each_is_the_studys_own_test_of_the_others(rng):
-    table = decisions(rng)
-    found, _ = found_of(table)
-
-    assert [one.name for one in found.without] == [*(f"P{n}" for n in range(9)),
-                                                   *(f"s{n}" for n in range(5))]  # fmt: skip
-    for one in found.without:
-        rest = table[table[one.kind] != one.name]
-        alone = preference(rest, "ours", "blur")
-        assert (one.share, one.p) == pytest.approx((alone.estimate.share, alone.test.p))
-        assert (one.lower, one.upper) == pytest.approx((alone.estimate.lower, alone.estimate.upper))
-
-
-def test_the_one_who_makes_the_result_is_named(rng):
-    shares = [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.9]
-    found, plan = found_of(decisions(rng, people=7, scenes=1, repeats=6, shares=shares))
-    assert found.turning(plan.alpha) == []  # six who agree are enough
-
-    found, plan = found_of(decisions(rng, people=6, scenes=1, repeats=6, shares=shares))
-    names = {one.name for one in found.turning(plan.alpha)}
-    assert names == {f"P{n}" for n in range(6)}  # five can show no p below .05
-    said = " ".join(LeavingOutPart().show(found, plan).sentences)
-    assert "the result is another without participant P0, participant P1" in said
+    return found.get("achieved_power"), plan
 
 
 def test_jod_are_normal_quantiles_and_power_is_that_of_t(rng):
@@ -76,8 +51,8 @@ def test_jod_are_normal_quantiles_and_power_is_that_of_t(rng):
     assert _power(two_way(chosen, shown), plan, 2.0) > power
 
 
-def test_two_people_or_no_primary_comparison_leave_nothing_out(rng):
+def test_two_people_or_no_primary_comparison_have_no_power(rng):
     table = decisions(rng, people=2)
     assert found_of(table)[0] is None
     plan = from_decisions(table, "made up", PreferenceTableSettings())
-    assert computed([LeavingOutPart()], decisions(rng), plan)[0] == {}
+    assert computed([AchievedPowerPart()], decisions(rng), plan)[0] == {}
