@@ -23,8 +23,8 @@ from benchmarks.shared.output import file_to_write, write_record
 from pipeline.foveation.conditions import LIVE
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import describe, lent_context
+from pipeline.named_classes import Choice
 from protocols.revision import code_revision
-from stimuli.choice import Choice
 from study_app.cli.pictures.live_renderer import FoveatingRenderer, LiveSource
 from study_app.gaze.source import GazeSample
 from study_app.live.loop import LiveLoop

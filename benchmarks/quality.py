@@ -14,10 +14,10 @@ from benchmarks.shared.output import PagePart, file_to_write, write_record
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.methods.registry import METHODS
+from pipeline.named_classes import Choice
 from pipeline.quality import Quality, interior
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
-from stimuli.choice import Choice
 from stimuli.one_frame import warp_and_fill
 from stimuli.scenes.stereo import PAIR_WARP, StereoPair, built_in_pair, load_pair
 

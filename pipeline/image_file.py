@@ -1,5 +1,11 @@
-"""Pixels to and from files, through OpenImageIO; what they mean is for `stimuli.exr` to say."""
+"""Pixels to and from files, through OpenImageIO; what they mean is for `stimuli.exr` to say.
 
+AVIF goes through Pillow; HEIC is named, which neither it nor OpenImageIO reads.
+"""
+
+from __future__ import annotations
+
+import re
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,9 +15,8 @@ from typing import Any, Final
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, features
 
-from pipeline.avif import opened_avif
 from pipeline.errors import InputError, note
 from pipeline.image_header import WALKERS, read_statements
 from pipeline.netpbm import read_netpbm
@@ -433,3 +438,45 @@ def _oiio_type(dtype: np.dtype[Any]) -> str:
     if dtype.name not in names:
         raise InputError(f"pixels must be one of {', '.join(names)} (got {dtype.name})")
     return names[dtype.name]
+
+
+_HEAD = 1 << 16
+_HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
+_SHOWN = (1, 2, 6, 13, 14, 15)  # transfers that are shown as sRGB, or not said
+_PRIMARIES = (1, 2)
+_CURE = "save it as PNG or JPEG"
+
+
+def opened_avif(path: Path) -> Image.Image | None:
+    """Open an AVIF picture of 8 bits; None where a file is none.
+
+    Raises
+    ------
+    InputError
+        If it is HEIC, is damaged, holds several pictures, has more bits or another range of
+        colour, or Pillow has no decoder.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    brands = head[8 : min(int.from_bytes(head[:4]), 256)] if head[4:8] == b"ftyp" else b""
+    if not {b"avif", b"avis"} & {brands[at : at + 4] for at in range(0, len(brands), 4)}:
+        if brands.startswith(_HEIC):
+            raise InputError(f"{path}: is HEIC, which is not read; {_CURE}")
+        return None
+    if not features.check("avif"):
+        raise InputError(f"{path}: is AVIF, which this Pillow does not read; {_CURE}")
+    depths = re.findall(rb"pixi.{5}(.)", head, re.DOTALL)
+    colours = re.findall(rb"colrnclx(..)(..)", head, re.DOTALL)
+    if any(depth[0] > 8 for depth in depths) or any(
+        int.from_bytes(first) not in _PRIMARIES or int.from_bytes(curve) not in _SHOWN
+        for first, curve in colours
+    ):
+        raise InputError(
+            f"{path}: an AVIF picture must have 8 bits and the colours of sRGB (has more); {_CURE}"
+        )
+    with reading(path, "a whole AVIF picture", InputError):
+        image = Image.open(path, formats=["AVIF"])
+    if (pictures := getattr(image, "n_frames", 1)) > 1:
+        image.close()
+        raise InputError(f"{path}: must hold one picture (holds {pictures}); {_CURE}")
+    return image

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 from pathlib import Path
 from typing import Any, cast
@@ -144,3 +144,22 @@ def _accepted(parameter: inspect.Parameter) -> tuple[type, ...]:
         numbers = "float" in str(parameter.annotation)
         return (int, float, type(None)) if numbers else (str, type(None))
     return (int, float) if isinstance(default, float) else (type(default),)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A fill method or a condition, and its parameters; the rest keep their defaults."""
+
+    name: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """Name and parameters, as on a sheet."""
+        given = ", ".join(f"{key} {value}" for key, value in self.parameters.items())
+        return f"{self.name} ({given})" if given else self.name
+
+    @property
+    def file_name(self) -> str:
+        """The label without what file names should not have."""
+        return "".join(c if c.isalnum() or c in "-.," else "_" for c in self.label).strip("_")

@@ -32,8 +32,8 @@ from protocols.disk.whole_file import PART, move, remove, sync_folder, write_who
 from protocols.errors import StudyError
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
 from protocols.recipes.warped_clips import ClipName
+from stimuli.media.video import PREVIEW_FOLDER
 from stimuli.pages.contact import SHEET_NAME
-from stimuli.preview_video import PREVIEW_FOLDER
 
 BUILD_FOLDER = ".build"
 HOLES_FOLDER = "holes"

@@ -15,8 +15,8 @@ from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
 from protocols.recipes.warped_clips import ClipName
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, SURVEY_NAME, survey_name
 from stimuli.media.png import decode
+from stimuli.media.video import preview_path
 from stimuli.pages.contact import SHEET_NAME
-from stimuli.preview_video import preview_path
 
 _ENDS = ("least", "most")
 

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.errors import InputError
+from pipeline.foveation.geometry import Flat, share_around
 from pipeline.methods.registry import create_method
 from protocols.disk.hashing import sha256_bytes
 from protocols.disk.whole_file import write_whole
-from protocols.recipes.warped_clips import ClipName
+from protocols.recipes.warped_clips import ClipName, TrueView
 from stimuli.batch_folder import SURVEY_NAME
 from stimuli.build_plan import BuildPlan
 from stimuli.exr import save_colour
@@ -34,7 +35,31 @@ from stimuli.media.png import decode, encode_frame, encode_mask, is_whole
 from stimuli.rendering.paths import make_path
 from stimuli.rendering.scenery import Scenery
 from stimuli.rendering.solve import solve_extent
-from stimuli.single.true_view import true_share, with_true_view
+
+
+def true_share(size_px: tuple[int, int], distance_px: float, view: TrueView) -> NDArray[np.float32]:
+    """Return the true view's share of each pixel: (H, W, 1), 1 within, 0 beyond the fade.
+
+    Parameters
+    ----------
+    size_px : (width, height)
+        Of the clip, which is centred before the eye.
+    distance_px : float
+        Of the eye, in pixels of the clip.
+    """
+    geometry = Flat(distance_px=distance_px).of(*size_px)
+    return share_around(geometry, geometry.place_px(view.x_deg, view.y_deg), view.within_deg)[
+        ..., None
+    ]
+
+
+def with_true_view(
+    made: NDArray[np.float32], truth: NDArray[np.float32], share: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Mix a frame with the true one; where the share is 0 or 1, bit for bit one of them."""
+    mixed = made + share * (truth - made)
+    return np.where(share == 1, truth, np.where(share == 0, made, mixed))
+
 
 ENCODERS = 2
 IN_FLIGHT = 4  # frames between pipeline and disk: memory does not grow with the clip

@@ -27,8 +27,8 @@ from stimuli.batch_folder import (
     remove_unfinished,
 )
 from stimuli.executors import LocalProcesses
+from stimuli.media.video import PREVIEW_FOLDER, preview_path
 from stimuli.pages.contact import SHEET_NAME, write_contact_sheet
-from stimuli.preview_video import PREVIEW_FOLDER, preview_path
 from stimuli.records import ManifestDraft
 from stimuli.worker import RendererInfo, preview_job
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
 from pipeline.methods.registry import create_method
+from pipeline.named_classes import Choice
 from pipeline.quality import SSIM_LEAST_PX, Quality, evaluate, interior
 from pipeline.synthesis.settings import check_seed
 from pipeline.warp.gpu import warp_frame
 from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
 from stimuli import pictures
-from stimuli.choice import Choice
 from stimuli.exr import WarpInput
 
 

@@ -24,7 +24,7 @@ from protocols.manifest import Clip
 from protocols.recipes.warped_clips import ClipName
 from stimuli.build_plan import BuildPlan
 from stimuli.clip import Survey, make_frames, take_survey
-from stimuli.preview_video import preview_path, write_preview
+from stimuli.media.video import preview_path, write_preview
 from stimuli.rendering.open_scene import open_scenery
 from stimuli.rendering.scenery import Scenery
 

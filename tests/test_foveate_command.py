@@ -11,7 +11,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import CONDITIONS, foveate
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.image_file import read_pixels, write_pixels
-from stimuli.choice import Choice
+from pipeline.named_classes import Choice
 from stimuli.exr import load_colour, save_colour
 from stimuli.foveated import any_picture
 from stimuli.foveated.any_picture import PictureReading, read_any

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from pipeline.frame import SourceFrame
 from pipeline.image_file import read_pixels, write_pixels
 from pipeline.methods.registry import METHODS
-from stimuli.choice import Choice
+from pipeline.named_classes import Choice
 from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
 from stimuli.one_frame import warp_and_fill
 from stimuli.single.warp_steps import metameric_steps

@@ -16,12 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.compression import compressed_file, image_codecs
-from pipeline.compression.atlas import atlas_shape, pack, to_bytes, unpack
 from pipeline.compression.compressed_file import (
     LEAST_ANGLES,
     MOST_ANGLES,
     CompressedPicture,
     Statistics,
+    atlas_shape,
+    pack,
+    rounded,
+    unpack,
 )
 from pipeline.compression.grid import PolarGrid
 from pipeline.compression.lost import (
@@ -153,7 +156,7 @@ class _Work:
         self, grid: PolarGrid, frames: Sequence[NDArray[np.float32]], settings: CompressionSettings
     ) -> None:
         self._grid, self._frames, self._settings = grid, frames, settings
-        self._cells = [to_bytes(fitted_cells(frame.astype(np.float64), grid)) for frame in frames]
+        self._cells = [rounded(fitted_cells(frame.astype(np.float64), grid)) for frame in frames]
         self._maps = map_grids(grid, MOST_LEVELS if settings.statistics else 0)
         self._coded: dict[int, tuple[bytes, ...]] = {}
 

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.compression import image_codecs
-from pipeline.compression.atlas import atlas_shape
 from pipeline.compression.codec import decoded_cells
-from pipeline.compression.compressed_file import CompressedPicture
+from pipeline.compression.compressed_file import CompressedPicture, atlas_shape
 from pipeline.errors import InputError
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import Flat

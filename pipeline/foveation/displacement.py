@@ -26,8 +26,7 @@ from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import finished, twice
 from pipeline.foveation.sphere import displaced_rays
 from pipeline.frame import Floats
-from pipeline.noise.random_bits import Stream, key_of
-from pipeline.noise.tile import white_noise
+from pipeline.noise.tile import Stream, key_of, white_noise
 
 LEAST_SMOOTHNESS_PX = 0.5  # deviation of the field's own pools at least
 REACH = 3.0  # deviations from a border, within which what crosses it fades out

@@ -33,8 +33,7 @@ from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.sphere import FINEST
 from pipeline.gl.compute import Dispatch, Dispatches, Resource, Shader, of_int
 from pipeline.gl.shader import Constant
-from pipeline.noise.random_bits import Stream, key_of
-from pipeline.noise.tile import WHITE_BITS, WHITE_DEVIATION
+from pipeline.noise.tile import WHITE_BITS, WHITE_DEVIATION, Stream, key_of
 
 MATCH_CONSTANTS: dict[str, Constant] = {
     "SMALLEST_VARIANCE": SMALLEST_VARIANCE,

@@ -39,8 +39,7 @@ from pipeline.foveation.picture_fixation import Picture, PictureFixation
 from pipeline.foveation.pooling import LAWS, PoolingParameters
 from pipeline.foveation.reference import blurred, finished
 from pipeline.frame import Floats
-from pipeline.noise.random_bits import Stream
-from pipeline.noise.tile import white_noise
+from pipeline.noise.tile import Stream, white_noise
 from protocols.disk.whole_file import whole_file
 from protocols.errors import must_be_one_of
 from protocols.outside import reading

@@ -29,8 +29,7 @@ from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.reference import blurred, finished
 from pipeline.foveation.sphere import noise_strength
 from pipeline.frame import Floats
-from pipeline.noise.random_bits import Stream
-from pipeline.noise.tile import white_noise
+from pipeline.noise.tile import Stream, white_noise
 
 # Tariq et al. 2022 after Thibos et al. 1987: by eccentricity, what gratings the eye resolves, and
 # which it detects, cycles per degree.

@@ -43,8 +43,15 @@ from pipeline.noise.gpu import (
     layers_of,
     mix_constants,
 )
-from pipeline.noise.random_bits import Stream, key_of
-from pipeline.noise.tile import WHITE_BITS, mixing_weights, split, square_sum, white_steps
+from pipeline.noise.tile import (
+    WHITE_BITS,
+    Stream,
+    key_of,
+    mixing_weights,
+    split,
+    square_sum,
+    white_steps,
+)
 
 # Of a level's moments and of powers, packed: the four values of each layer, as pull.comp.glsl has.
 _MOMENT_LAYERS = ((0, 1, 2, 6), (3, 4, 5, 7))

@@ -17,7 +17,7 @@ import itertools
 import numpy as np
 
 from pipeline.frame import Floats
-from pipeline.noise.random_bits import Bits, pcg3d
+from pipeline.noise.tile import Bits, pcg3d
 
 BELT_DEG, CAP_DEG = 45.0, 55.0
 """Up to the first latitude a panorama is itself, from the second on the picture of its pole."""

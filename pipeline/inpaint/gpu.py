@@ -14,8 +14,7 @@ from pipeline.features.reference import MAX_LEVELS
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import check_size, check_texture
 from pipeline.inpaint.reference import RELAXED_RESOLUTIONS
-from pipeline.inpaint.region import CELL, MOST_EDGE_PX
-from pipeline.inpaint.regions import FIRST_STORED, LIST_GROUP, WorkLists
+from pipeline.inpaint.regions import CELL, FIRST_STORED, LIST_GROUP, MOST_EDGE_PX, WorkLists
 
 TAIL_EDGE = 32  # from this size on, one work group does the rest
 TAIL_GROUP = 128

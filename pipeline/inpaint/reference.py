@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pipeline.features.reference import grow, parents
 from pipeline.frame import Bools, Floats
-from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
+from pipeline.inpaint.regions import CELL, SOURCE_RINGS, source_resolution
 
 ONLY_NEARER = -1.0
 # Colour is relaxed in these finest resolutions, pixel by pixel and 2x2 by 2x2 up to 32x32: what is
@@ -187,7 +187,7 @@ def pull_push(
 
 
 def near_a_hole(hole: Bools, cell_resolution: int, rings: int, tile_resolution: int) -> Bools:
-    """Return True for pixels near a hole, in cells of the pyramid (region.py).
+    """Return True for pixels near a hole, in cells of the pyramid (regions.py).
 
     Those are whole cells of `tile_resolution` that overlap a cell of `cell_resolution` within
     `rings` cells of one that holds a hole pixel.

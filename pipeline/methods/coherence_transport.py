@@ -4,7 +4,7 @@ import numpy as np
 
 from pipeline.frame import Floats, WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.methods.in_numpy import InNumpy
+from pipeline.methods.method import InNumpy
 from pipeline.methods.on_gpu import DepthGuidedMethod
 from pipeline.plate.gpu import PlatePass, PlateTextures
 from pipeline.plate.reference import KeptFills

@@ -9,11 +9,10 @@ from pipeline.frame import Floats, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.reference import guide_from_depth, guided_base
-from pipeline.methods.in_numpy import InNumpy
+from pipeline.methods.method import InNumpy
 from pipeline.methods.on_gpu import DepthGuidedMethod
 from pipeline.printed.gpu import PrintedPass
-from pipeline.printed.reference import printed_fill
-from pipeline.printed.settings import PrintedSettings
+from pipeline.printed.reference import PrintedSettings, printed_fill
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings

@@ -1,12 +1,16 @@
-"""The one signature of all fill methods, and what each of them must keep."""
+"""The one signature of all fill methods, and what each of them must keep.
 
+Methods that draw on the GPU are drawn by their numpy twins where there is none.
+"""
+
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.frame import WarpedFrame
+from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.frame_textures import FrameTextures
 
 
@@ -111,3 +115,32 @@ def check_finite(inside: NDArray[np.floating]) -> None:
             f"the fill must be finite in every hole (got {int((~np.isfinite(inside)).sum())}"
             " values that are NaN or infinite)"
         )
+
+
+class InNumpy:
+    """A configured method that works by its twin.
+
+    Parameters
+    ----------
+    fill : function of a frame with holes and a seed
+        Returns the colour of the whole frame, (H, W, 3).
+    new_plate : function, optional
+        Of a method with a plate.
+    """
+
+    def __init__(
+        self,
+        fill: Callable[[WarpedFrame, int], NDArray[np.floating]],
+        new_plate: Callable[[], CleanPlate] | None = None,
+    ) -> None:
+        self._fill = fill
+        if new_plate is not None:
+            self.new_plate = new_plate  # what tells a `PlateMethod`
+
+    def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:
+        """Fill the holes; known pixels are untouched."""
+        check_some_known(warped.hole)
+        return composite(warped, self._fill(warped, seed))
+
+    def release(self) -> None:
+        """Free what the method holds on the GPU: nothing."""

@@ -12,8 +12,7 @@ from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import read_back
 from pipeline.inpaint.reference import nearest_depth_m
-from pipeline.methods.in_numpy import InNumpy
-from pipeline.methods.method import check_finite, composite
+from pipeline.methods.method import InNumpy, check_finite, composite
 from pipeline.plate.gpu import PlatePass, PlateTextures
 
 

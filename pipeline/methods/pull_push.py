@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.frame import Floats, WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.methods.in_numpy import InNumpy
+from pipeline.methods.method import InNumpy
 from pipeline.methods.on_gpu import OnGpu
 from pipeline.plate.gpu import PlatePass
 from pipeline.pushpull.gpu import PushPullPass, PyramidPass
 from pipeline.pushpull.reference import push_pull
 from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
-from pipeline.weighted_pullpush.recirculation import SAME_SURFACE, recirculating
-from pipeline.weighted_pullpush.reference import weighted_pull_push
+from pipeline.weighted_pullpush.reference import SAME_SURFACE, recirculating, weighted_pull_push
 
 
 class _ColourOnly(OnGpu[PyramidPass]):

@@ -12,12 +12,13 @@ import numpy as np
 from pipeline.gl.compute import Texture, let_go
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
-from pipeline.noise.random_bits import Stream, key_of
 from pipeline.noise.tile import (
     MIXED_STEP,
     TAP_BITS,
     WHITE_BITS,
     Steps,
+    Stream,
+    key_of,
     mixing_weights,
     noise_taps,
 )

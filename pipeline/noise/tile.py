@@ -14,7 +14,8 @@ All bands come from the same white noise, so that where they overlap they add up
 measures, and can cancel out. Each is mixed with its neighbours first (mixing.py), or textures would
 not get what they were weighed for.
 
-All of this is done in whole numbers: white noise of 13 bits, taps in steps of 2^-14, and a rounded
+All of this is done in whole numbers, from random bits that are the same on every machine and in any
+order: white noise of 13 bits, taps in steps of 2^-14, and a rounded
 division behind each filter. Their sums do not depend on their order, so a graphics card finds the
 very same noise (gpu.py, docs/decisions/0219).
 
@@ -25,8 +26,11 @@ between texels then softens little, whatever the texture's spectrum.
 Twins: the shaders in this folder. Change both or neither.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -36,7 +40,41 @@ from numpy.typing import NDArray
 from pipeline.features.reference import fitted_kernels
 from pipeline.frame import Floats
 from pipeline.noise.mixing import LAGS, fitted_mixing
-from pipeline.noise.random_bits import Stream, key_of, pcg3d
+
+Bits: TypeAlias = NDArray[np.uint32]
+
+
+class Stream(IntEnum):
+    """Uses of a seed: each has bits of its own."""
+
+    BANDS = 0
+    FIELD = 1
+    OCTAVES = 2
+    START = 3
+    LATTICE = 4
+
+
+def key_of(seed: int, stream: Stream) -> tuple[int, int, int]:
+    """Key to mix places with: three whole numbers of 32 bits."""
+    # Philox's raw bits are specified; a library's other generators might change.
+    low, high = np.random.Philox(key=[seed, stream]).random_raw(2)
+    return int(low) & 0xFFFFFFFF, int(low) >> 32, int(high) & 0xFFFFFFFF
+
+
+def pcg3d(x: Bits, y: Bits, z: Bits) -> tuple[Bits, Bits, Bits]:
+    """Mix three arrays of whole numbers into three of random bits (Jarzynski and Olano 2020).
+
+    Twin: shaderlib/hashing.glsl. Change both or neither.
+    """
+    x, y, z = (v * np.uint32(1664525) + np.uint32(1013904223) for v in (x, y, z))
+    for scramble in (True, False):
+        x = x + y * z
+        y = y + z * x
+        z = z + x * y
+        if scramble:
+            x, y, z = (v ^ (v >> np.uint32(16)) for v in (x, y, z))
+    return x, y, z
+
 
 Steps: TypeAlias = NDArray[np.int32]
 """Noise in whole numbers."""

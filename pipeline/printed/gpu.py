@@ -12,9 +12,8 @@ from pipeline.features.gpu import band_constants, low_constants
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import check_size
-from pipeline.printed.noise import TILE as NOISE_TILE
-from pipeline.printed.noise import printed_noise
-from pipeline.printed.settings import PrintedSettings
+from pipeline.printed.reference import TILE as NOISE_TILE
+from pipeline.printed.reference import PrintedSettings, printed_noise
 from pipeline.pushpull.gpu import coarser_sizes
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, check_seed
 

@@ -5,18 +5,28 @@ text contradicts itself it is read as docs/method.md says: depth grows with dist
 background is the *farthest*; the pull divides by its weights; `mix` takes its operands in order;
 the variance is ``E[X^2] - E[X]^2``. The pyramid is the one of `pipeline.features`.
 
+Noise is white noise through the pyramid's filters, twice (3.4). "Scaled to {-1, 1}" is taken as
+unit variance of every band's coefficients: else a deviation would mean nothing. A coefficient map
+is not an image: each band passes its filter again and is brought up to full size (Walton et al.
+2021, 3.4).
+
 Twin: gpu.py with *.comp.glsl. Change both or neither.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
+from pipeline.errors import InputError
 from pipeline.features.reference import (
     Pyramid,
+    analyse,
     band,
+    check_levels,
+    double,
     fitted_kernels,
     grow,
     halve,
@@ -24,10 +34,77 @@ from pipeline.features.reference import (
 )
 from pipeline.frame import Floats, Ints, WarpedFrame, check_some_known
 from pipeline.inpaint.reference import GuidedLevel, children, guide_from_depth, pull
-from pipeline.printed.noise import TILE, printed_noise
-from pipeline.printed.settings import PrintedSettings
+from pipeline.noise.tile import white_noise
 from pipeline.pushpull.reference import upsample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, check_seed
+
+
+@dataclass(frozen=True)
+class PrintedSettings:
+    """Parameters of `metameric-paper`; the defaults are the paper's own.
+
+    Parameters
+    ----------
+    levels : int
+        Pyramid levels, 1 to 6 (section 4).
+    gamma : float
+        Exponent on validity in the push: 0 most local, 1 smoothest (3.3.1).
+    depth_threshold : float
+        Children nearer than the farthest by more than this, in ``1 - z_near / z``, do not count
+        in the pull (the authors' release).
+
+    Raises
+    ------
+    InputError
+        If a value is out of range.
+    """
+
+    levels: int = 4
+    gamma: float = 0.5
+    depth_threshold: float = 0.04
+
+    def __post_init__(self) -> None:
+        check_levels(self.levels)
+        if not 0 <= self.gamma <= 8:
+            raise InputError(f"gamma must lie in 0..8 (got {self.gamma})")
+        if not 0 < self.depth_threshold <= 1:
+            raise InputError(f"depth_threshold must lie in (0, 1] (got {self.depth_threshold})")
+
+
+TILE = 256  # edge of the tile, pixels; a power of two
+
+
+@lru_cache(maxsize=2)
+def printed_noise(seed: int, levels: int) -> NDArray[np.float32]:
+    """Make the noise of one seed; the same on every platform; read-only.
+
+    Returns
+    -------
+    ndarray of float32, shape (levels, TILE, TILE, 3 bands, 3 channels)
+        Full-size images of each band alone, periodic; channels are independent.
+    """
+    white = white_noise(seed, (TILE, TILE), 3)
+    # As far as the filters of the coarsest level reach, there and back.
+    pad = 4 << levels
+    periodic = np.pad(white, ((pad, pad), (pad, pad), (0, 0)), mode="wrap")
+    kernels = fitted_kernels()
+    bands = analyse(periodic, levels, kernels).bands
+    images = []
+    for level, coefficients in enumerate(bands):
+        inner = slice(pad >> level, (pad + TILE) >> level)
+        rms = np.sqrt((coefficients[inner, inner] ** 2).mean(axis=(0, 1)))
+        unit = coefficients / rms
+        ready = []
+        for index, kernel in enumerate(kernels.bands()):
+            image = band(unit[:, :, index], kernel[::-1, ::-1])
+            for finer in reversed(range(level)):
+                image = double(image, bands[finer].shape[:2], kernels)
+            ready.append(image[pad : pad + TILE, pad : pad + TILE])
+        images.append(np.stack(ready, axis=2))
+    noise = np.stack(images).astype(np.float32)
+    noise.flags.writeable = False
+    return noise
+
 
 PARTLY = -1.0  # state of what is known in part
 

@@ -1,4 +1,4 @@
-// Random bits of whole numbers. Twin: pcg3d() in noise/random_bits.py. Change both or neither.
+// Random bits of whole numbers. Twin: pcg3d() in noise/tile.py. Change both or neither.
 
 uvec3 pcg3d(uvec3 v) {
     v = v * 1664525u + 1013904223u;

@@ -1,6 +1,6 @@
 """Noise that each hole pixel lacks, on the GPU: band moments, inpainted, less the base's.
 
-Twins: reference.py, lacking.py.
+Twins: reference.py, moments.py.
 """
 
 from collections.abc import Sequence
@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from pipeline.features.gpu import band_constants
 from pipeline.gl.passes import Pass
 from pipeline.inpaint.gpu import MOMENT_PLANES, GuidedBasePass, GuidedChainPass
-from pipeline.inpaint.region import CELL
-from pipeline.inpaint.regions import FIRST_STORED
-from pipeline.statistics.lacking import KNOWN_ENOUGH
-from pipeline.statistics.moments import LAPLACE, SMALLEST_VARIANCE
+from pipeline.inpaint.regions import CELL, FIRST_STORED
+from pipeline.statistics.moments import KNOWN_ENOUGH, LAPLACE, SMALLEST_VARIANCE
 
 BANDS = 3  # high, along x, along y: so many texels side by side
 

@@ -3,7 +3,7 @@
 // y in Y', Cb, Cr (with CROSS, chroma's covariance with luma). Makes the moments of 2x2 once more
 // and completes them by a push. Visits what moments_first.comp.glsl listed: every texel that a
 // hole pixel's interpolation reaches has a coefficient that the hole spoils.
-// Twin: lacking.py, and push() in inpaint/reference.py. Change both or neither.
+// Twin: moments.py, and push() in inpaint/reference.py. Change both or neither.
 
 #constant GAMMA              // how much of itself an incomplete texel keeps, see kept()
 #constant LAPLACE            // variance over the square of the mean magnitude

@@ -11,8 +11,7 @@ from pipeline.features.gpu import low_constants
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
 from pipeline.inpaint.gpu import GuidedBasePass
-from pipeline.inpaint.region import CELL
-from pipeline.inpaint.regions import HALVED_TILE, LIST_GROUP
+from pipeline.inpaint.regions import CELL, HALVED_TILE, LIST_GROUP
 
 LOWPASS = "statistics/lowpass.comp.glsl"
 MIXED = -1024.0  # alpha of what mixes two depths: -16 after the smallest tap, of 1/64

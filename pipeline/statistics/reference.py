@@ -14,9 +14,8 @@ from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse, range_below, spoiled_levels
 from pipeline.frame import Bools, Floats
 from pipeline.inpaint.reference import GuidedLevel, near_a_hole, pull_push
-from pipeline.inpaint.region import STATISTICS_RINGS
-from pipeline.statistics.lacking import known_background, noise_variances
-from pipeline.statistics.moments import moments
+from pipeline.inpaint.regions import STATISTICS_RINGS
+from pipeline.statistics.moments import known_background, moments, noise_variances
 
 
 def inpainted_statistics(

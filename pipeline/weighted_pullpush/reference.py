@@ -7,6 +7,13 @@ Sparse data of "super" quality outweighs its surroundings, and so spreads over t
 weight itself is averaged plainly, so that it thins out and the spreading ends
 (docs/decisions/0044).
 
+The last shown frame comes back into the holes of the next: it is reprojected along the filled
+motion and merged with the new one at a lower quality, and holes are filled from both. The note
+recirculates what was drawn, without its fill. Views of one source frame all draw the same, so here
+the fill comes back too. Depth and motion need no fill: the warp gives holes their background's. The
+frame is kept by places of the source, as plate/reference.py keeps fills, but each view writes what
+it shows over what was there (twin: `PlatePass` of plate/gpu.py).
+
 Twin: gpu.py with reduce.comp.glsl and expand.comp.glsl. Change both or neither.
 """
 
@@ -14,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.frame import Floats
+from pipeline.frame import Floats, WarpedFrame
+from pipeline.plate.reference import KeptFills
 from pipeline.pushpull.reference import upsample
 
 
@@ -97,3 +105,21 @@ def weighted_pull_push(image: NDArray[np.floating]) -> Floats:
     while levels:
         filled = expand(levels.pop(), filled)
     return filled[..., :3]
+
+
+SAME_SURFACE = 0.04  # depths that differ by a larger share of the greater one are of two surfaces
+
+
+def recirculating(weight: float) -> KeptFills:
+    """Return the fill of views of one source frame from what they know and what was shown.
+
+    Parameters
+    ----------
+    weight : float
+        Of what was shown before, ``1 / quality^2``; what is known weighs 1. Above 0.
+    """
+    return KeptFills(_filled, SAME_SURFACE, weight=weight, overwrites=True)
+
+
+def _filled(frame: WarpedFrame, weight: Floats) -> NDArray[np.float32]:
+    return weighted_pull_push(np.dstack([frame.colour, weight])).astype(np.float32)

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.compression import image_codecs
-from pipeline.compression.atlas import atlas_shape
 from pipeline.compression.codec import decoded_base, decoded_cells, decompress
-from pipeline.compression.compressed_file import CompressedPicture
+from pipeline.compression.compressed_file import CompressedPicture, atlas_shape
 from pipeline.compression.grid import PolarGrid
 from stimuli import pictures
 from stimuli.pictures import Picture

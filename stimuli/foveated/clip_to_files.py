@@ -14,8 +14,8 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import SteadyGaze, carried
+from pipeline.named_classes import Choice
 from protocols.prose import count_of
-from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import PictureReading, check_drawable, read_any
 from stimuli.foveated.condition_sheet import check_choices

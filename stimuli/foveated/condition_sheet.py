@@ -21,9 +21,9 @@ from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Viewing
 from pipeline.foveation.picture_fixation import PictureFixation, as_floats, check_held
 from pipeline.foveation.pooling import Pooling
+from pipeline.named_classes import Choice
 from protocols.disk.whole_file import remove
 from stimuli import pictures
-from stimuli.choice import Choice
 from stimuli.foveated.rings import draw_gaze, draw_pools
 from stimuli.pictures import Picture
 

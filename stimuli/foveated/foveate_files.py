@@ -13,9 +13,9 @@ from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.view import around_gaze, scored_view
 from pipeline.gl.context import describe
+from pipeline.named_classes import Choice
 from protocols.disk.result_folder import whole_folder
 from stimuli import pictures
-from stimuli.choice import Choice
 from stimuli.exr import save_colour
 from stimuli.foveated import metamer_page as pages
 from stimuli.foveated import moving

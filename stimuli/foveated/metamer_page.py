@@ -16,9 +16,9 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.geometry import Flat, Viewing
 from pipeline.foveation.page_passes import check_condition, page_passes
+from pipeline.named_classes import Choice
 from protocols.disk.whole_file import write_whole
 from protocols.html_page import html_page
-from stimuli.choice import Choice
 from stimuli.foveated.gaze_and_display import width_deg
 from stimuli.foveated.moving import shrunk
 

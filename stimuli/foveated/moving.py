@@ -17,9 +17,9 @@ from PIL import Image
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Equirectangular, Flat, Geometry, Viewing
+from pipeline.named_classes import Choice
 from protocols.disk.whole_file import write_whole
 from stimuli import pictures
-from stimuli.choice import Choice
 from stimuli.foveated.rings import draw_gaze
 from stimuli.pictures import Picture
 

@@ -1,4 +1,4 @@
-"""Videos as folders of frames, and folders of frames as videos."""
+"""Videos as folders of frames, and folders of frames as videos; small videos to look at."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from pipeline.image_file import FREE_SPACE, read_pixels, three_channels, write_e
 from pipeline.video_file import VideoFrames, is_video, quiet_stderr
 from protocols.disk.left_behind import clear_files
 from protocols.disk.whole_file import whole_path
-from stimuli.media.png import encode_bytes
+from protocols.manifest import Clip
+from stimuli.media.png import decode, encode_bytes
 
 CODECS: Final = {".mp4": "mp4v", ".webm": "VP80", ".avi": "FFV1"}
 """Codec by ending: .avi keeps every pixel, the others are smaller."""
@@ -227,3 +228,31 @@ def _in_8_bits(path: Path) -> NDArray[np.uint8]:
     if pixels.dtype.kind != "u":
         raise InputError(f"{path}: must have 8 or 16 bits per channel (has {pixels.dtype})")
     return np.asarray(np.rint(pixels / (np.iinfo(pixels.dtype).max / 255)), np.uint8)
+
+
+PREVIEW_FOLDER = "previews"
+LARGEST_PX = 480
+
+
+def preview_path(out: Path, clip: Clip) -> Path:
+    """Return the path of the preview of `clip`; its name carries the clip's hash."""
+    return out / PREVIEW_FOLDER / f"{clip.name}.{clip.sha256[:12]}.webm"
+
+
+def write_preview(out: Path, clip: Clip, path: Path) -> None:
+    """Write a WebM (VP8) of at most 480 px, at the clip's rate.
+
+    Raises
+    ------
+    InputError
+        If a frame is damaged, or the video cannot be written.
+    """
+    scale = min(1.0, LARGEST_PX / max(clip.width_px, clip.height_px))
+    size = tuple(max(2, round(scale * edge) // 2 * 2) for edge in (clip.width_px, clip.height_px))
+    with whole_video(path, (size[0], size[1]), clip.fps) as write:
+        for index in range(len(clip.frames_sha256)):
+            frame = decode(out / clip.frame_path(index))
+            if frame.dtype == np.uint16:
+                frame = (frame >> 8).astype(np.uint8)
+            small = cv2.resize(np.ascontiguousarray(frame), size, interpolation=cv2.INTER_AREA)
+            write(np.asarray(small, np.uint8))

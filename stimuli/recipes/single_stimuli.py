@@ -22,7 +22,7 @@ from protocols.units import Scalar
 from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, remove_unfinished
 from stimuli.clip_build import ClipBuild, Job
 from stimuli.executors import cores
-from stimuli.preview_video import PREVIEW_FOLDER
+from stimuli.media.video import PREVIEW_FOLDER
 from stimuli.recipes.base import Builder, BuildMachine, BuildOutcome, Report
 from stimuli.records import ManifestDraft, is_whole
 from stimuli.worker import RendererInfo

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.colour import decode_srgb
-from stimuli.programs import columns, set_uniform
-from stimuli.rendering.triangle_batches import DepthShaders, TriangleBatch
+from stimuli.rendering.triangle_batches import DepthShaders, TriangleBatch, columns, set_uniform
 from stimuli.rendering.world import Light, Mesh, World
 
 SHADOW_PX = 2048

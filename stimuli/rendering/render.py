@@ -17,9 +17,8 @@ from pipeline.camera import Camera
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from pipeline.gl.texture import check_size
-from stimuli.programs import columns, program, set_uniform
 from stimuli.rendering.lights import Lamps
-from stimuli.rendering.triangle_batches import DepthShaders, upload
+from stimuli.rendering.triangle_batches import DepthShaders, columns, program, set_uniform, upload
 from stimuli.rendering.world import Material, World
 
 NEAR_SHARE = 1e-4  # of the scene's size: how near a surface may come to the camera,

@@ -17,9 +17,9 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry, share_around
 from pipeline.frame import WarpedFrame
 from stimuli import pictures
+from stimuli.clip import with_true_view
 from stimuli.one_frame import FillResult, quality_words
 from stimuli.single.teaser import Crop, auto_crops, difference
-from stimuli.single.true_view import with_true_view
 
 CROPS = 3
 """One of the fovea, and so many less one of the periphery."""

@@ -15,7 +15,7 @@ from pipeline.gl.texture import check_size
 from pipeline.textures.bake import BakedTexture
 from pipeline.textures.gpu import TexturePass
 from pipeline.textures.reference import Fragments
-from stimuli.programs import columns, set_uniform, shader_text
+from stimuli.rendering.triangle_batches import columns, set_uniform, shader_text
 from stimuli.textured.scenes import Globe, TexturedScene, globe_vertices
 
 GlobeCondition = Literal["reference", "blur", "metamer"]

@@ -16,8 +16,8 @@ from pipeline.errors import InputError
 from protocols.manifest import read_manifest
 from stimuli.build import build
 from stimuli.media.png import decode
+from stimuli.media.video import LARGEST_PX, preview_path, write_preview
 from stimuli.pages.contact import SHOWN_FRAMES, TILE_PX
-from stimuli.preview_video import LARGEST_PX, preview_path, write_preview
 
 BEFORE = """<script>
 window.problems = [];

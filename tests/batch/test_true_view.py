@@ -9,8 +9,8 @@ from protocols.errors import StudyError
 from protocols.load import load_protocol
 from protocols.recipes.warped_clips import TrueView
 from stimuli.build import build
+from stimuli.clip import true_share, with_true_view
 from stimuli.media.png import decode
-from stimuli.single.true_view import true_share, with_true_view
 
 UPSAMPLED = (
     'camera = { kind = "circle" }',

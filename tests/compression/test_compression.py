@@ -8,8 +8,8 @@ from benchmarks.compress import Result, markdown
 from benchmarks.shared.dispatches import dispatches_of
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.compression import compressed_file, image_codecs
-from pipeline.compression.atlas import atlas_shape, pack, unpack
 from pipeline.compression.codec import CompressionSettings, compress, decoded_base, decompress
+from pipeline.compression.compressed_file import atlas_shape, pack, unpack
 from pipeline.compression.gpu import DecompressPass
 from pipeline.compression.grid import PolarGrid
 from pipeline.compression.lost import LostMap, lost_maps, map_grids, wanted_of

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.foveation.cut_gpu import CutPass
 from pipeline.foveation.drawn import bisected, cut_shares
 from pipeline.foveation.geometry import Flat
+from pipeline.foveation.picture_pass import CutPass
 from pipeline.gl.texture import create_texture, read_back, texture_from
 
 GEOMETRY = Flat(width_deg=40).of(96, 64)

@@ -20,10 +20,10 @@ from virtual_screen import VirtualScreen
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.texture import read_back
+from pipeline.named_classes import Choice
 from protocols.disk.hashing import sha256_json
 from protocols.errors import StudyError
 from protocols.load import load_display
-from stimuli.choice import Choice
 from stimuli.foveated.any_picture import PictureReading
 from stimuli.foveated.clip_to_files import ClipSettings, foveate_clip
 from study_app.cli import app

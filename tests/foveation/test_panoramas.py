@@ -17,7 +17,7 @@ from pipeline.foveation.sphere import (
     unit_noise,
 )
 from pipeline.foveation.view import flat_view
-from pipeline.noise.random_bits import Stream, key_of
+from pipeline.noise.tile import Stream, key_of
 
 SIZE = (512, 256)
 

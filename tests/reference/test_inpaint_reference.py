@@ -20,7 +20,7 @@ from pipeline.inpaint.reference import (
     push,
     relax,
 )
-from pipeline.inpaint.region import CELL, SOURCE_RINGS, source_resolution
+from pipeline.inpaint.regions import CELL, SOURCE_RINGS, source_resolution
 from pipeline.statistics.moments import (
     chroma_slopes,
     chroma_variances,

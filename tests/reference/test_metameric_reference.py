@@ -11,8 +11,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import GuidedLevel, guided_base
 from pipeline.methods.metameric import PushPullDepth
-from pipeline.statistics.lacking import known_background, noise_variances
-from pipeline.statistics.moments import luma_moments
+from pipeline.statistics.moments import known_background, luma_moments, noise_variances
 from pipeline.statistics.reference import inpainted_statistics
 from pipeline.synthesis.reference import deviations, metameric_fill, sample
 from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed

@@ -19,7 +19,6 @@ from pipeline.noise.gains import (
     spectral_gains,
 )
 from pipeline.noise.mixing import LAGS, fitted_mixing, measured_variances, packed, unpacked
-from pipeline.noise.random_bits import Stream
 from pipeline.noise.tile import (
     GRAIN,
     TAP_BITS,
@@ -28,6 +27,7 @@ from pipeline.noise.tile import (
     WHITE_BITS,
     WHITE_DEVIATION,
     NoiseBands,
+    Stream,
     between,
     look_up,
     noise_bands,

@@ -8,17 +8,18 @@ from pipeline.errors import InputError
 from pipeline.features.reference import analyse, fitted_kernels, halve
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import GuidedLevel, pull
-from pipeline.printed.noise import TILE, printed_noise
 from pipeline.printed.reference import (
+    TILE,
+    PrintedSettings,
     at_pixels,
     features,
     half,
     inpainted,
     noise_texels,
     printed_fill,
+    printed_noise,
     push,
 )
-from pipeline.printed.settings import PrintedSettings
 from pipeline.synthesis.settings import ANCHOR_REACH_PX
 
 

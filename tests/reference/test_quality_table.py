@@ -3,10 +3,10 @@
 import numpy as np
 
 from benchmarks.quality import PART, means, measure, table
+from pipeline.named_classes import Choice
 from pipeline.quality import Quality, interior
 from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
-from stimuli.choice import Choice
 from stimuli.scenes.stereo import StereoPair
 
 

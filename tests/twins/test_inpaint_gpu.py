@@ -7,8 +7,14 @@ from pipeline.errors import InputError
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.inpaint.gpu import GuidedBasePass, ResolutionSizes
 from pipeline.inpaint.reference import guide_from_depth, guided_base, near_a_hole
-from pipeline.inpaint.region import CELL, SOURCE_RINGS, STATISTICS_RINGS, source_resolution
-from pipeline.inpaint.regions import FIRST_STORED, RING_REACH
+from pipeline.inpaint.regions import (
+    CELL,
+    FIRST_STORED,
+    RING_REACH,
+    SOURCE_RINGS,
+    STATISTICS_RINGS,
+    source_resolution,
+)
 
 ROUNDOFF = 2.0**-24  # of one float32 operation
 THRESHOLD = 0.04

@@ -9,7 +9,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import create_texture, read_back, texture_bytes, texture_from
-from pipeline.inpaint.region import MOST_EDGE_PX
+from pipeline.inpaint.regions import MOST_EDGE_PX
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.settings import MetamericSettings
 

@@ -16,11 +16,10 @@ from pipeline.inpaint.reference import (
     pull_push,
     push,
 )
-from pipeline.inpaint.region import STATISTICS_RINGS
+from pipeline.inpaint.regions import STATISTICS_RINGS
 from pipeline.noise.mixing import fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX, noise_bands
-from pipeline.statistics.lacking import known_background, noise_variances
-from pipeline.statistics.moments import moments
+from pipeline.statistics.moments import known_background, moments, noise_variances
 from pipeline.statistics.reference import outlined_levels
 from pipeline.synthesis.reference import (
     deviations,

@@ -11,8 +11,7 @@ from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import create_texture, read_back, upload
 from pipeline.printed.gpu import PrintedPass
-from pipeline.printed.reference import printed_fill
-from pipeline.printed.settings import PrintedSettings
+from pipeline.printed.reference import PrintedSettings, printed_fill
 
 # A deviation is the root of a difference of two moments, E[X^2] - E[X]^2, each below 1/2 and
 # off by some 8 roundoffs of 2^-24 (a band's 9 taps, a square, the chain's means). Where the true

@@ -5,8 +5,7 @@ coverage, and is a pure function of the generator it is given.
 """
 
 from stimuli.scenes.textures.foliage import blades, leaves
-from stimuli.scenes.textures.ground import earth, lawn, pebbles
-from stimuli.scenes.textures.sky import panorama
+from stimuli.scenes.textures.ground_and_sky import earth, lawn, panorama, pebbles
 from stimuli.scenes.textures.surface_noise_and_photographs import (
     SIZE_PX,
     Colour,

@@ -34,7 +34,7 @@ from study_app.cli.progress import ProgressLines
 from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
-    from stimuli.choice import Choice
+    from pipeline.named_classes import Choice
     from stimuli.foveated.any_picture import PictureReading
     from stimuli.foveated.foveate_files import Outputs
 
@@ -302,7 +302,7 @@ def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
 
 def _choices(methods: list[str] | None, settings: list[str] | None, sheet: bool) -> list[Choice]:
     from pipeline.foveation.conditions import condition_parameters
-    from stimuli.choice import Choice
+    from pipeline.named_classes import Choice
     from stimuli.foveated.condition_sheet import usual_choices
 
     every = [choice.name for choice in usual_choices()]

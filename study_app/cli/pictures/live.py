@@ -27,8 +27,8 @@ from study_app.cli.terminal import say, say_notes
 
 if TYPE_CHECKING:
     from pipeline.foveation.geometry import FlatGeometry
+    from pipeline.named_classes import Choice
     from protocols.recipes.base import Change
-    from stimuli.choice import Choice
     from stimuli.foveated.any_picture import PictureReading
     from study_app.cli.pictures.live_renderer import FoveatingRenderer
     from study_app.desktop.window import Pacing, Window
@@ -159,7 +159,7 @@ def _choices(methods: list[str] | None, settings: list[str] | None) -> list[Choi
         condition_parameters,
         create_condition,
     )
-    from stimuli.choice import Choice
+    from pipeline.named_classes import Choice
 
     names = list(dict.fromkeys(named_methods(methods) or [DEFAULT_METHOD, *LIVE]))
     chosen = choose_methods(
@@ -450,8 +450,8 @@ def _verify(source: str, path: Path) -> None:
     """Draw a log again, and say what is not as it was."""
     from pipeline.foveation.geometry import FlatGeometry
     from pipeline.gl.context import describe, lent_context
+    from pipeline.named_classes import Choice
     from pipeline.picture_limits import check_need
-    from stimuli.choice import Choice
     from stimuli.foveated.any_picture import PictureReading
     from study_app.cli.pictures.live_renderer import (
         BUILTIN,

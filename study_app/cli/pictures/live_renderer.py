@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator, check_live
-from pipeline.foveation.cut_gpu import CutPass
 from pipeline.foveation.geometry import Equirectangular, Flat, FlatGeometry
 from pipeline.foveation.gpu import OPAQUE
 from pipeline.foveation.noise_plane import check_seed
+from pipeline.foveation.picture_pass import CutPass
 from pipeline.foveation.steady_gaze import SteadyGaze
 from pipeline.foveation.view_gpu import ViewPass
 from pipeline.gl.texture import create_texture, texture_bytes, upload
+from pipeline.named_classes import Choice
 from protocols.limits import check_within
 from protocols.recipes.base import Cut
-from stimuli.choice import Choice
 from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.foveated.builtin_pictures import builtin_picture, check_picture_name
 from stimuli.media.frames_folder import frames_in

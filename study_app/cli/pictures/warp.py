@@ -32,8 +32,8 @@ from study_app.cli.terminal import PlainConsole, say, table_of
 
 if TYPE_CHECKING:
     from pipeline.frame import WarpedFrame
+    from pipeline.named_classes import Choice
     from pipeline.quality import Quality
-    from stimuli.choice import Choice
     from stimuli.one_frame import FillResult
     from stimuli.single.upsampled import Eye
     from study_app.cli.pictures.warp_source import LoadedSource
@@ -177,7 +177,7 @@ def _run(
 
 def _choices(methods: list[str] | None, settings: list[str] | None, compare: bool) -> list[Choice]:
     from pipeline.methods.registry import METHODS, check_method, method_parameters
-    from stimuli.choice import Choice
+    from pipeline.named_classes import Choice
 
     every = [entry.name for entry in METHODS if not entry.takes_path]
     chosen = choose_methods(

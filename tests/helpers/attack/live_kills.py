@@ -238,7 +238,7 @@ def _log(_folder: Path, path: Path, steps: _Steps) -> None:
 def renderer_of(ctx: Any) -> Any:
     """Return what draws the picture of logs."""
     from pipeline.foveation.geometry import Flat
-    from stimuli.choice import Choice
+    from pipeline.named_classes import Choice
     from study_app.cli.pictures.live_renderer import FoveatingRenderer, LiveSource
 
     source = LiveSource([picture()], "0" * 64, panorama=False, notes=())
