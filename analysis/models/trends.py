@@ -118,7 +118,7 @@ def trend(
         notes.append("all values are equal, or too few: no rank correlation")
     else:
         rho, rho_p = map(
-            float, scipy.stats.spearmanr(order, tied(value.to_numpy(dtype=np.float64)))
+            float, scipy.stats.spearmanr(order, tied(np.asarray(value, dtype=np.float64)))
         )
     if drift.size < 2:
         notes.append("fewer than two participants with three trials: no test between participants")
