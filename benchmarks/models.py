@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import expit, ndtr, ndtri
+from scipy.special import expit, ndtr
 
 from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.cells import checked, grid
@@ -62,8 +62,6 @@ class Design:
     guess: float = 0.5
     lapse: float = 0.02
     lapse_more: float = 0.0
-    slope_sd: float = 0.0
-    """Of logarithms of widths, of each person in each condition."""
 
 
 @dataclass(frozen=True)
@@ -95,17 +93,8 @@ THRESHOLDS = {
     "6 scenes, x condition": Design(scenes=6, repeats=1, scene=(0.4, 0.3)),
 }
 
-STATED = 0.85
-"""Share of right answers at which thresholds are stated."""
-
-AT_PERFORMANCE = {
-    **{name: THRESHOLDS[name] for name in (
-        "10 people x 7 levels x 6", "20 repeats", "people's lapses differ", "4 alternatives",
-        "6 scenes, x condition",
-    )},
-    "20 repeats, slopes differ": Design(repeats=20, slope_sd=0.3),
-    "20 people, slopes differ": Design(people=20, repeats=10, slope_sd=0.3),
-}  # fmt: skip
+FITTING = ("10 people x 7 levels x 6", "20 repeats", "people's lapses differ", "4 alternatives")
+"""Studies of thresholds, by name, of which goodness of fit is judged."""
 
 SIZES = {"11x6x2": (11, 6, 2), "6x3x2": (6, 3, 2), "30x20x1": (30, 20, 1)}
 
@@ -136,11 +125,7 @@ def _answered(design: Design, rng: np.random.Generator) -> pd.DataFrame:
     person = table["participant"].astype(int).to_numpy()
     lapse = lapses[person]
     level = np.array(design.levels)[table["last"]]
-    steep = np.ones((design.people, design.conditions))
-    if design.slope_sd:
-        steep = np.exp(design.slope_sd * rng.standard_normal(steep.shape))
-    condition = table["method"].map({"a": 0, "b": 1, "c": 2}).to_numpy()
-    rise = sigmoid((level - shift) * steep[person, condition], 0.0, design.width, "gauss")
+    rise = sigmoid(level - shift, 0.0, design.width, "gauss")
     right = rng.random(level.size) < design.guess + (1.0 - design.guess - lapse) * rise
     return table.assign(level=level, correct=right.astype(int))
 
@@ -155,26 +140,6 @@ def thresholds(design: Design, rng: np.random.Generator) -> Outcome:
     if one.lower is None or one.upper is None or not model.contrasts:
         return None
     return model.contrasts[0].p, one.lower <= 0.0 <= one.upper
-
-
-def at_performance(design: Design, rng: np.random.Generator) -> list[Outcome]:
-    """Simulate a study of which each condition has a width; judge thresholds at 85 % and slopes."""
-    model = fit_thresholds(
-        _answered(design, rng), "level", ("method",), CurveForm(design.guess), own_widths=True,
-        scenes=design.scenes > 1,
-    )  # fmt: skip
-    if any(np.isnan(one.value) for one in model.thresholds):
-        return [None, None]
-    lapse = design.lapse + design.lapse_more
-    rise = (STATED - design.guess) / (1.0 - design.guess - lapse)
-    truth = ndtri(rise) * design.width / (2.0 * ndtri(0.95))
-    found, contrasts = model.population.thresholds(STATED)
-    lower, upper, ratios = found[0].lower, found[0].upper, model.population.slope_ratios()
-    known = lower is not None and upper is not None and bool(contrasts)
-    return [
-        (contrasts[0].p, lower <= truth <= upper) if known else None,
-        (ratios[0].p, ratios[0].lower <= 0.0 <= ratios[0].upper) if ratios else None,
-    ]
 
 
 def goodness(design: Design, rng: np.random.Generator) -> list[Outcome]:
@@ -369,11 +334,9 @@ def cells_of_one_study() -> list[
     found: list[tuple[list[tuple[str, str]], Design, Callable[..., list[Outcome]]]] = []
     for model, name, design, judge in cells():
         found.append(([(model, name)], design, lambda *at, asked=judge: [asked(*at)]))
-    for name, design in AT_PERFORMANCE.items():
-        found.append(([("stated", name), ("slopes", name)], design, at_performance))
-        if design.slope_sd == 0.0 and design.scenes == 1:
-            named = [("goodness", f"{name}, {told}") for told in ("deviance", "by level")]
-            found.append((named, design, goodness))
+    for name in FITTING:
+        named = [("goodness", f"{name}, {told}") for told in ("deviance", "by level")]
+        found.append((named, THRESHOLDS[name], goodness))
     return found
 
 

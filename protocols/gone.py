@@ -9,6 +9,16 @@ LAST_WITH_ALL = "5076b993 (version 0.3.0)"
 """The last revision that has everything named here."""
 
 INSTEAD: Mapping[str, str] = {
+    "analysis psychometric --threshold-at": (
+        "take the thresholds of the report, half of the way from guessing to lapsing (about 75 %"
+        " right of two answers), or fit decisions.csv with psignifit or quickpsy for another"
+        " performance"
+    ),
+    "analysis.threshold_at": (
+        "take the thresholds of the report, half of the way from guessing to lapsing (about 75 %"
+        " right of two answers), or fit decisions.csv with psignifit or quickpsy for another"
+        " performance"
+    ),
     "analysis bayes": "fit decisions.csv with brms (R) or bambi (Python)",
     "analysis.bayes": "fit decisions.csv with brms (R) or bambi (Python)",
     "analysis confidence": (

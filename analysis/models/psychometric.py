@@ -10,7 +10,7 @@ import scipy
 
 from analysis.arrays import Floats
 from analysis.models.curves.response import Link, ResponseFunction, axis_of
-from analysis.models.tails import chi_squared_p, chi_squared_quantile
+from analysis.models.tails import chi_squared_quantile
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
 from protocols.adaptive.psychometric_function import sigmoid as broadcast_sigmoid
@@ -108,7 +108,7 @@ class Psychometric:
     guess, lapse : float
     threshold_limits, width_limits : pair of float or None
         Profile-likelihood limits; None where the likelihood has no maximum to profile.
-    deviance, df, p : float, int, float
+    deviance, df : float, int
         Against one free proportion per level.
     overdispersion : float
         Deviance per degree of freedom, at least 1: how much more answers vary than trials that
@@ -127,7 +127,6 @@ class Psychometric:
     log_likelihood: float
     deviance: float
     df: int
-    p: float
     overdispersion: float
     warnings: tuple[str, ...]
     levels: tuple[float, ...] = ()
@@ -245,7 +244,6 @@ def fit_psychometric(
         log_likelihood=likelihood + constant,
         deviance=deviance,
         df=df,
-        p=float(chi_squared_p(deviance, df)) if df > 0 else 1.0,
         overdispersion=spread,
         warnings=notes,
         levels=tuple(map(float, np.unique(problem.x))),

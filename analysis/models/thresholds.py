@@ -27,7 +27,7 @@ NARROWEST = 0.9
 
 @dataclass(frozen=True)
 class ThresholdModel:
-    """Psychometric functions of all conditions, fitted together.
+    """Psychometric functions of all conditions, of one width, fitted together.
 
     Attributes
     ----------
@@ -71,7 +71,6 @@ def fit_thresholds(
     by: Sequence[str] = (),
     curve: CurveForm = TWO_ALTERNATIVES,
     *,
-    own_widths: bool = False,
     scenes: bool = False,
     reference: str | None = None,
     level: float = 0.95,
@@ -86,8 +85,6 @@ def fit_thresholds(
         Of all people. Rates that are fitted are drawn towards small ones (`response.RATE_PRIOR`).
         `falling` matters for ``gumbel`` and ``weibull``: the slope is free all the same. Needs
         `logarithmic` for ``weibull``; thresholds vary along the same axis.
-    own_widths : bool
-        Each condition has its own width; else all share one.
     scenes : bool
         Scenes are drawn from many too (column ``scene``).
     reference : str, optional
@@ -129,8 +126,7 @@ def fit_thresholds(
     pairs = pairs_of(names, reference)
     place = (condition[:, None] == np.arange(len(names))).astype(np.float64)
     scaled = (x - centre) / spread
-    steep = place * scaled[:, None] if own_widths else scaled[:, None]
-    design = np.column_stack([place, steep])
+    design = np.column_stack([place, scaled])
     response = curve.response
     y = rows["correct"].to_numpy(dtype=np.float64)
     gap = float(np.diff(np.unique(scaled)).min())
@@ -141,21 +137,17 @@ def fit_thresholds(
     fit = fit_people(
         design, y, person, condition, response=response, start=start, steepest=steepest
     )
-    strayed = (fit.scores @ fit.covariance)[:, len(names) : fit.beta.size]
-    strayed = strayed / fit.beta[len(names) :]
-    robust = strayed.T @ strayed
     groups = places.several if scenes else {"participant": person}
     over_scenes = None
     if len(groups) > 1:
         over_scenes = _over_scenes(fit, design, y, groups, condition, response, steepest)
         fit = over_scenes or fit
     kinds = _kinds(groups, len(names))
-    slopes = np.broadcast_to(fit.beta[len(names) :], len(names))
-    notes = _notes(fit, slopes, len(places.participants))
+    notes = _notes(fit, len(places.participants))
     if len(groups) > 1 and over_scenes is None and fit.converged:
         groups = {"participant": person}
         notes.append("no model of scenes could be fitted: thresholds are about these scenes")
-    typical = float(np.mean(np.abs(slopes)))
+    typical = abs(float(fit.beta[-1]))
     sd = dict(zip(kinds, (fit.sd * spread / typical).tolist(), strict=False))
     samples = 1
     if len(names) > 1 and one_condition(person, condition):  # nothing tells both deviations apart
@@ -175,8 +167,6 @@ def fit_thresholds(
         pairs=tuple(pairs),
         theta=np.concatenate([fit.beta, fit.sd, fit.rates]),
         covariance=covariance,
-        robust=more * robust,
-        slopes=fit.beta.size - len(names),
         kinds=tuple(kinds[: fit.sd.size]),
         centre=centre,
         spread=spread,
@@ -310,7 +300,7 @@ def _over_scenes(
     )
 
 
-def _notes(fit: PeopleFit, slopes: Floats, people: int) -> list[str]:
+def _notes(fit: PeopleFit, people: int) -> list[str]:
     notes = []
     if not fit.converged:
         notes.append("the model has no proper maximum: thresholds have no numbers")
@@ -318,8 +308,6 @@ def _notes(fit: PeopleFit, slopes: Floats, people: int) -> list[str]:
         notes.append(
             f"only {count_of(people, 'participant')}: limits of thresholds are a rough guide"
         )
-    if np.unique(np.sign(slopes)).size > 1:
-        notes.append("performance rises with the level in some conditions and falls in others")
     if fit.converged and fit.sd[0] < 1e-3:
         notes.append("no variance of thresholds between participants was found (sd 0)")
     return notes

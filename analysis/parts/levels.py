@@ -38,7 +38,6 @@ from analysis.report.wording import (
     leading,
     level_text,
     number,
-    p_number,
     share,
     size,
     size_range,
@@ -228,14 +227,13 @@ class CurvesPart(LevelsPart[Curves]):
             "Psychometric functions, all participants together",
             (
                 *(("Condition", "l c"), ("Threshold", "strong"), ("Limits", "n"), ("Width", "")),
-                *(("Lapse rate", ""), ("Misfit p", "n")),
+                ("Lapse rate", ""),
             ),
             [
                 (
                     name,
                     *threshold_cells(known, fit.threshold, fit.threshold_limits, fit.width),
                     share(fit.lapse),
-                    p_number(fit.p) if fit.df > 0 else NONE,
                 )
                 for name, fit, known in fits
             ],
@@ -310,30 +308,6 @@ def _curve_scripts(found: Curves, plan: RatePlan) -> dict[str, str]:
     return scripts("curves", "R", "py", curves=placed, **how)
 
 
-def population_model(
-    table: pd.DataFrame, plan: RatePlan, *, own_widths: bool = False
-) -> ThresholdModel:
-    """Return the model of all participants' answers.
-
-    Raises
-    ------
-    ValueError
-        If there is one participant only, or none can be fitted.
-    """
-    if table["participant"].nunique() < 2:
-        raise ValueError("one participant only: nothing is said about other people")
-    return fit_thresholds(
-        table,
-        str(plan.level),
-        plan.compared,
-        plan.curve,
-        own_widths=own_widths,
-        scenes="scene" in table,
-        reference=plan.reference_in(shown_in(table, plan)),
-        level=plan.confidence,
-    )
-
-
 @dataclass(frozen=True)
 class Thresholds(ThresholdModel):
     """Every number; `counts` as curves are drawn beside them, `people` of each participant."""
@@ -354,8 +328,24 @@ class ThresholdsPart(LevelsPart[Thresholds]):
     name: ClassVar[str] = "thresholds"
 
     def of(self, table: pd.DataFrame, plan: RatePlan) -> Thresholds:
-        """Fit the model."""
-        model = population_model(table, plan)
+        """Fit the model.
+
+        Raises
+        ------
+        ValueError
+            If there is one participant only, or none can be fitted.
+        """
+        if table["participant"].nunique() < 2:
+            raise ValueError("one participant only: nothing is said about other people")
+        model = fit_thresholds(
+            table,
+            str(plan.level),
+            plan.compared,
+            plan.curve,
+            scenes="scene" in table,
+            reference=plan.reference_in(shown_in(table, plan)),
+            level=plan.confidence,
+        )
         ordered = replace(
             model,
             thresholds=in_order(model.thresholds, plan, lambda one: one.condition),

@@ -2,9 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-import numpy as np
 import pandas as pd
-from scipy.special import ndtr
 
 from analysis.arrays import Floats
 from analysis.models.ideal_observer import AbxRule, abx_share, forced_choice_share
@@ -16,7 +14,7 @@ from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError, did_you_mean
 from protocols.prose import count_of
 from protocols.study_file.schema import StudyProtocol
-from protocols.tasks.rates import BETWEEN, D_PRIME, TAKEN, RatesAnalysis, name_of
+from protocols.tasks.rates import BETWEEN, TAKEN, RatesAnalysis, name_of
 from protocols.tasks.single import RightOrWrong
 
 EVERYTHING = "all"
@@ -58,27 +56,7 @@ class RatePlan(RatesAnalysis, AnalysisPlan):
         """Return the share of right answers of an unbiased observer, by d'."""
         if self.kind in ("abx", "which-half"):
             return abx_share(d_prime, self.rule)
-        if self.kind == "detection":
-            return np.asarray(ndtr(0.5 * np.asarray(d_prime)))
         return forced_choice_share(d_prime, self.alternatives)
-
-    @property
-    def stated_share(self) -> float | None:
-        """Share of right answers at the performance that `threshold_at` states."""
-        if isinstance(self.threshold_at, str):
-            return float(self.right_share(float(self.threshold_at.removeprefix(D_PRIME))))
-        return self.threshold_at
-
-    @property
-    def stated_mistake(self) -> str:
-        """Rule that `threshold_at` breaks; empty if it breaks none."""
-        if self.threshold_at is None:
-            return ""
-        if self.level is None:
-            return "must be left out, or --set level name the column along which thresholds are"
-        if self.guess is not None and self.guess >= (self.stated_share or 1.0):
-            return f"must be above the rate of guessing, {self.guess:g}"
-        return ""
 
     @property
     def logarithmic(self) -> bool:
@@ -182,23 +160,6 @@ def common_settings(study: StudyProtocol) -> RatePlan:
 class CurvePlan(RatePlan):
     """Plan of an analysis along a level; all pairs of conditions are compared."""
 
-    def right_share(self, d_prime: Floats | float) -> Floats:
-        """Return the share of right answers of an unbiased observer, by d'."""
-        return forced_choice_share(d_prime, round(1.0 / (self.guess or 0.5)))
-
-    @property
-    def stated_mistake(self) -> str:
-        """Rule that `threshold_at` breaks; empty if it breaks none."""
-        choices = 1.0 / self.guess if self.guess else 0.0
-        if isinstance(self.threshold_at, str) and (
-            choices < 2 or abs(choices - round(choices)) > 0.05
-        ):
-            return (
-                "d' is that of a choice among m, where --set guess is 1/m (2, 3, ...); state a"
-                " share of right answers in its place, such as 0.75"
-            )
-        return super().stated_mistake
-
     @property
     def counted(self) -> str:
         """Along what answers change."""
@@ -254,7 +215,7 @@ def common_settings_of_table(
             )
         values.sort(key=lambda value: value != first)
     check_contrasts(told, values)
-    made = plan.of(
+    return plan.of(
         told,
         study=name,
         title=name,
@@ -266,9 +227,6 @@ def common_settings_of_table(
         guess=getattr(told, "guess", 1.0 / len(answers)),
         labels=told.label,
     )
-    if mistake := made.stated_mistake:
-        raise StudyError(f"--set threshold_at={made.threshold_at}: {mistake}")
-    return made
 
 
 def prepared(decisions: pd.DataFrame, settings: RatePlan) -> pd.DataFrame:

@@ -9,8 +9,6 @@ from analysis.guessing import curve_mistake
 from analysis.parts import AnyPart
 from analysis.parts.curves.goodness import GoodnessPart
 from analysis.parts.curves.own_curves import OwnCurvesPart
-from analysis.parts.curves.slopes import SlopesPart
-from analysis.parts.curves.stated import StatedPart
 from analysis.parts.levels import CurvesPart, ThresholdsPart
 from analysis.plans.rate_plan import CurvePlan, RatePlan, common_settings_of_table
 from analysis.plans.table_settings import CurveTableSettings
@@ -29,8 +27,6 @@ class TableOfLevels(RatesTask):
     parts: ClassVar[tuple[AnyPart, ...]] = (
         CurvesPart(),
         ThresholdsPart(),
-        StatedPart(),
-        SlopesPart(),
         GoodnessPart(),
         OwnCurvesPart(),
     )

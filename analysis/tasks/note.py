@@ -62,7 +62,11 @@ def read_note(table: Path, notes: list[str] | None = None) -> Analysis | None:
         )
     kept, ignored = without_gone({"analysis": said})
     if notes is not None:
-        notes += [f"{path.name}: {place} is ignored: it {gone(place)}" for place in ignored]
+        notes += [
+            f"{path.name}: {place} is ignored: it {gone(place)}"
+            for place, value in ignored.items()
+            if value  # a note names every key, also those that were left as they are
+        ]
     said = {key: with_tuples(value) for key, value in kept["analysis"].items()}
     return _checked(kind, said, f"{path}: analysis")
 

@@ -5,53 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from protocols.errors import Problem, did_you_mean
 from protocols.pool import Pool
 from protocols.tasks.base import Task
 from protocols.tasks.mixed import MixedAnalysis
-from protocols.units import Condition, Name, Scalar, matching
+from protocols.units import Condition, Name, Scalar
 
 BETWEEN = ", "
 """Between the values of several columns that are compared together."""
 TAKEN = "condition"
 """Name of the compared values in results: no column of levels may have it."""
-
-
-D_PRIME = "dprime="
-"""Before the d' of a stated performance."""
-
-
-def _performance(value: object) -> object:
-    text = str(value)
-    d_prime = text.startswith(D_PRIME)
-    try:
-        number = float(text.removeprefix(D_PRIME))
-    except ValueError:
-        number = 0.0
-    if value is not None and not 0.0 < number < (10.0 if d_prime else 1.0):
-        raise ValueError(
-            "must be a share of right answers between 0 and 1, such as 0.75, or a d' as"
-            f' "{D_PRIME}1" (got {value!r})'
-        )
-    return value if value is None or d_prime else number
-
-
-def performance_in_words(stated: float | str) -> str:
-    """Return a stated performance for a sentence: ``75 % right answers``, ``d' = 1``."""
-    if isinstance(stated, str):
-        return f"d' = {stated.removeprefix(D_PRIME)}"
-    return f"{100 * stated:g} % right answers"
-
-
-Performance = Annotated[
-    Annotated[float, Field(gt=0, lt=1)]
-    | Annotated[str, matching(rf"^{D_PRIME}[0-9.]+$", f"a d', like '{D_PRIME}1'")]
-    | None,
-    BeforeValidator(_performance),
-]
-"""A share of right answers, or a d'; none."""
 
 
 def name_of(value: object) -> str:
@@ -88,15 +53,7 @@ class RatesAnalysis(MixedAnalysis):
     """A second column: tests whether the differences between values of `by` differ between its
     values; of a single condition, whether right answers do. Default: not tested."""
 
-    threshold_at: Performance = None
-    """Performance at which thresholds are given, too: a share of right answers such as 0.75, or
-    `"dprime=1"`, of an unbiased observer. Default: only half of the way from guessing to lapsing.
-    """
-
-    added_later: ClassVar[tuple[str, ...]] = (
-        *MixedAnalysis.added_later,
-        *("interaction", "threshold_at"),
-    )
+    added_later: ClassVar[tuple[str, ...]] = (*MixedAnalysis.added_later, "interaction")
 
     def problems(self, task: Task, pool: Pool, /) -> Iterator[Problem]:
         """Yield columns and values that the stimuli do not have."""
@@ -126,16 +83,7 @@ class RatesAnalysis(MixedAnalysis):
                 f"must be {adapted!r}, the column that adapts: thresholds over it are what the"
                 f" study is about (got {self.level!r})",
             )
-        if isinstance(self.threshold_at, float) and self.threshold_at <= 1.0 / len(task.answers()):
-            yield Problem(
-                "analysis.threshold_at",
-                f"must be above the share of guessing, 1 / {len(task.answers())}"
-                f" (got {self.threshold_at:g})",
-            )
         if self.level is None:
-            if self.threshold_at is not None:
-                must = "must be left out where `level` names no column along which thresholds are"
-                yield Problem("analysis.threshold_at", must)
             return
         yield from pool.check_columns("analysis.level", (self.level,))
         if self.level == TAKEN:
@@ -201,11 +149,6 @@ class RatesAnalysis(MixedAnalysis):
             found.append(
                 f"A logistic model of right answers has the terms {self.level} and {self.by_name};"
                 f" psychometric functions over {self.level} are fitted for each {self.by_name}."
-            )
-        if self.threshold_at is not None:
-            found.append(
-                f"Thresholds are given, and compared with correction holm, at"
-                f" {performance_in_words(self.threshold_at)}."
             )
         return found + self.mixed_sentences()
 

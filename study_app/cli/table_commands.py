@@ -145,7 +145,7 @@ def _option(told: type[Analysis], key: str, *, needed: bool) -> inspect.Paramete
 
 @_question(
     CurveTableSettings,
-    ("level", "by", "guess", "threshold_at", "shape", "falling", "log"),
+    ("level", "by", "guess", "shape", "falling", "log"),
     needed=("level",),
 )
 def psychometric() -> None:

@@ -170,7 +170,6 @@ TABLES: Mapping[str, tuple[str, dict[str, Any], Callable[[], pd.DataFrame]]] = {
             "falling": True,
             "reaction": "models",
             "alternatives": 2,
-            "threshold_at": 0.75,
         },
         lambda: _levels(2),
     ),

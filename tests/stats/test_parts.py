@@ -32,7 +32,7 @@ from study_app.cli import app
 _RIGHT = ("rates", "sensitivity", "comparisons", "models", "random_effects", "people")
 REPORTS = {
     "two-answers": (
-        *(*_RIGHT, "curves", "thresholds", "stated_thresholds", "slopes", "goodness"),
+        *(*_RIGHT, "curves", "thresholds", "goodness"),
         *("learning", "times", "random_times"),
     ),
     "detection": (*_RIGHT, "typical"),
@@ -47,9 +47,9 @@ _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
     ("reaction", "--by", "method"): ("two-answers", ("times", "random_times")),
     ("ratings", "--by", "method"): ("ratings", ("ratings", "random_ratings")),
-    ("psychometric", *_LEVELS, "--guess", "0.25", "--threshold-at", "dprime=1"): (
+    ("psychometric", *_LEVELS, "--guess", "0.25"): (
         "four-answers",
-        ("curves", "thresholds", "stated_thresholds", "goodness", "psychometric"),
+        ("curves", "thresholds", "goodness", "psychometric"),
     ),
     ("detection", "--signal", "inconsistent"): ("detection", ("sensitivity", "typical")),
 }
@@ -200,21 +200,6 @@ SAID = {
         "methods": "is the median of a posterior",
         "tables": {"people.csv", "comparisons_of_people.csv"},
         "figure": "own_curves",
-    },
-    "stated_thresholds": {
-        "section": "levels",
-        "caption": "Thresholds in the population at ",
-        "sentence": "Thresholds at ",
-        "methods": "are the levels at which the typical participant of the mixed",
-        "tables": {"stated_thresholds.csv", "stated_threshold_differences.csv"},
-        "figure": "stated_thresholds",
-    },
-    "slopes": {
-        "section": "levels",
-        "caption": "Ratios of slopes at the threshold",
-        "sentence": "The slope at the threshold of ",
-        "methods": "Slopes at the threshold were compared in a model",
-        "tables": {"slopes.csv"},
     },
     "goodness": {
         "section": "levels",

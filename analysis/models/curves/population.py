@@ -1,13 +1,12 @@
 """Curves of a population: what follows from the parameters of one model, by the delta method."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit, ndtr, ndtri
 
 from analysis.arrays import Floats
-from analysis.models.clustered import holm
 from analysis.models.contrasts import CrossedDesign, Difference, Pair, wald
 from analysis.models.curves.quadrature import mean_lapse
 from analysis.models.curves.response import ResponseFunction, axis_of
@@ -18,9 +17,6 @@ from protocols.adaptive.psychometric_function import WIDTH_EDGE
 OPEN_RANGES = 5.0
 """A limit outside the levels shown by more than so many of their ranges bounds nothing."""
 
-NEAR_GAP = 1.25
-"""Gaps of two levels: answers at these hardly tell a narrower curve from a step."""
-
 _NODES = np.linspace(-4.5, 4.5, 91)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 """Of a standard normal."""
@@ -30,8 +26,7 @@ _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
 class Threshold:
     """One condition's threshold in the population, and the width of its curve.
 
-    `value` is where the rise from guessing to lapsing is half done, or another share of answers is
-    right where one is stated, in units of the level.
+    `value` is where the rise from guessing to lapsing is half done, in units of the level.
     `width` is the distance from 5 to 95 % of the rise (a ratio where levels are logarithmic);
     negative where performance falls with the level. `individual` holds each participant's own,
     drawn towards the mean. Where the answers do not place the threshold, value and width are NaN,
@@ -69,13 +64,8 @@ class Population:
     names, pairs
         Conditions, and which are compared.
     theta, covariance : ndarray (parameters,), (parameters, parameters)
-        Intercepts of eta by condition; slopes, one or by condition; deviations; then what the
-        fitted rates are made of (`quadrature.PeopleFit.rates`).
-    robust : ndarray (slopes, slopes)
-        Covariance of the logarithms of slopes from how participants' scores differ: it also holds
-        where people differ in slopes.
-    slopes : int
-        How many of theta are slopes.
+        Intercepts of eta by condition; the slope of all; deviations; then what the fitted rates
+        are made of (`quadrature.PeopleFit.rates`).
     kinds : tuple of str
         Names of the deviations: of participants, of these in one condition, and both of scenes.
     centre, spread : float
@@ -94,8 +84,6 @@ class Population:
     pairs: tuple[Pair, ...]
     theta: Floats
     covariance: Floats
-    robust: Floats
-    slopes: int
     kinds: tuple[str, ...]
     centre: float
     spread: float
@@ -117,13 +105,6 @@ class Population:
         return guess, mean_lapse(*free[-2:]) if lapse is None else float(np.mean(lapse))
 
     @property
-    def narrow(self) -> tuple[str, ...]:
-        """Conditions whose width is so near the gap of two levels that these do not tell it."""
-        gap = float(np.diff(np.unique(axis_of(np.array(self.levels), self.logarithmic))).min())
-        widths = np.abs(span(self.response) * self.spread / self._slopes(self.theta))
-        return tuple(np.array(self.names)[widths < NEAR_GAP * gap].tolist())
-
-    @property
     def sd(self) -> dict[str, float]:
         """Deviations of eta by name."""
         return dict(zip(self.kinds, self._split(self.theta)[0].tolist(), strict=True))
@@ -141,53 +122,40 @@ class Population:
 
     def _split(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return deviations, and what the fitted rates are made of."""
-        first = len(self.names) + self.slopes
+        first = len(self.names) + 1
         return theta[first : first + len(self.kinds)], theta[first + len(self.kinds) :]
 
-    def _slopes(self, theta: Floats) -> Floats:
-        count = len(self.names)
-        return np.broadcast_to(theta[count : count + self.slopes], count)
+    def _slope(self, theta: Floats) -> float:
+        return float(theta[len(self.names)])
 
-    def _places(self, theta: Floats, share: float | None) -> Floats:
-        """Return the levels at which the typical participant has this share right (names,)."""
-        guess, lapse = self.rates(theta)
-        rise = 0.5 if share is None else (share - guess) / (1.0 - guess - lapse)
-        eta = self.response.eta(rise) if 0.0 < rise < 1.0 else np.nan
-        gap = eta - theta[: len(self.names)]
-        return np.asarray(self.centre + self.spread * gap / self._slopes(theta))
+    def _places(self, theta: Floats) -> Floats:
+        """Return the typical participant's thresholds along the axis of the fit (names,)."""
+        gap = self.response.eta(0.5) - theta[: len(self.names)]
+        return np.asarray(self.centre + self.spread * gap / self._slope(theta))
 
     def places(self) -> Floats:
         """Return thresholds along the axis of the fit (names,): logarithms where it has these."""
-        return self._places(self.theta, None)
+        return self._places(self.theta)
 
-    def thresholds(
-        self, share: float | None = None
-    ) -> tuple[tuple[Threshold, ...], tuple[Difference, ...]]:
-        """Return the typical participant's thresholds, and those that are placed compared.
-
-        Parameters
-        ----------
-        share : float, optional
-            Of right answers; left out, half of the way from guessing to lapsing.
-        """
-        place, covariance = delta_method(
-            lambda theta: self._places(theta, share), self.theta, self.covariance
-        )
+    def thresholds(self) -> tuple[tuple[Threshold, ...], tuple[Difference, ...]]:
+        """Return the typical participant's thresholds, and those that are placed compared."""
+        place, covariance = delta_method(self._places, self.theta, self.covariance)
         reach = self._quantiles(covariance) * _errors(covariance)
-        slopes = self._slopes(self.theta)
-        widths = span(self.response) * self.spread / slopes
+        slope = self._slope(self.theta)
+        width = span(self.response) * self.spread / slope
+        if self.logarithmic:
+            width = float(np.sign(width) * _risen(np.abs(width)))
         back = _risen if self.logarithmic else np.asarray
         found = []
         for k, name in enumerate(self.names):
-            width = np.sign(widths[k]) * back(abs(widths[k])) if self.logarithmic else widths[k]
             one = Threshold(
                 condition=name,
                 value=float(back(place[k])),
                 lower=float(back(place[k] - reach[k])) if self.proper else None,
                 upper=float(back(place[k] + reach[k])) if self.proper else None,
-                width=float(width),
+                width=width,
                 individual={
-                    who: float(back(place[k] - self.spread * apart / slopes[k]))
+                    who: float(back(place[k] - self.spread * apart / slope))
                     for who, apart in self.own[name].items()
                 },
             )
@@ -200,42 +168,6 @@ class Population:
             measure, self.names, pairs, place, covariance, crossed=self.crossed, level=self.level
         )
         return tuple(found), tuple(several)
-
-    def slope_ratios(self) -> tuple[Difference, ...]:
-        """Return differences of logarithms of slopes at the threshold, of conditions compared.
-
-        Limits are the wider of two: the model's, in which people have one slope in each condition,
-        and those from how participants' scores differ. Not compared are conditions of which one
-        rises and the other falls, and `narrow` ones.
-
-        Raises
-        ------
-        ValueError
-            If all conditions share one slope.
-        """
-        if self.slopes < 2:
-            raise ValueError("each condition must have a slope of its own to compare them")
-        slopes = self._slopes(self.theta)
-        place = {name: k for k, name in enumerate(self.names)}
-        sign = {name: np.sign(slopes[k]) for name, k in place.items()}
-        pairs = [
-            pair
-            for pair in self.pairs
-            if sign[pair[0]] == sign[pair[1]] and not {*pair} & {*self.narrow}
-        ]
-        size, of_model = delta_method(
-            lambda theta: np.log(np.abs(self._slopes(theta))), self.theta, self.covariance
-        )
-        people = CrossedDesign({"participant": self.crossed.shares["participant"]}, {})
-        told = [
-            wald("ln slope", self.names, pairs, size, own, crossed=people, level=self.level)
-            for own in (of_model, self.robust)
-        ]
-        widest = [max(two, key=lambda one: one.standard_error) for two in zip(*told, strict=True)]
-        adjusted = holm(np.array([one.p for one in widest])) if widest else ()
-        return tuple(
-            replace(one, p_adjusted=float(p)) for one, p in zip(widest, adjusted, strict=True)
-        )
 
     def average(self, condition: str, x: Floats) -> Floats:
         """Return the population's mean share of right answers at `x`.
@@ -252,7 +184,7 @@ class Population:
             self.theta,
             self.covariance,
         )
-        places = delta_method(lambda theta: self._places(theta, None), self.theta, self.covariance)
+        places = delta_method(self._places, self.theta, self.covariance)
         reach = self._quantiles(places[1])[self.names.index(condition)] * _errors(covariance)
         lower, upper = (floor + (1.0 - floor) * ndtr(end) for end in (value - reach, value + reach))
         return np.asarray(lower), np.asarray(upper)
@@ -274,7 +206,7 @@ class Population:
     def _eta(self, theta: Floats, condition: str, x: Floats) -> Floats:
         k = self.names.index(condition)
         along = (axis_of(x, self.logarithmic) - self.centre) / self.spread
-        return np.asarray(theta[k] + self._slopes(theta)[k] * along)
+        return np.asarray(theta[k] + self._slope(theta) * along)
 
     def _quantiles(self, covariance: Floats) -> Floats:
         """Return quantiles of t that limits of thresholds with this covariance reach (names,)."""

@@ -6,7 +6,6 @@ functions for (potentially) overdispersed data", Vision Research 122, 105-123), 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.special import betaln, expit, log_expit, logit
@@ -18,7 +17,7 @@ from analysis.models.curves.response import axis_of
 from analysis.models.numeric import ROUNDING, zeroed
 from analysis.models.psychometric import TWO_ALTERNATIVES, CurveForm
 from protocols.adaptive.answer_history import Shape
-from protocols.adaptive.psychometric_function import WIDTH_EDGE, sigmoid
+from protocols.adaptive.psychometric_function import sigmoid
 
 PRIOR = (1.0, 10.0)
 """Beta law of the lapse rate, of a guess rate that is fitted, and of the overdispersion."""
@@ -43,17 +42,12 @@ NODES = np.linspace(-21.0, 21.0, 1201)
 PARTS = 400
 """Each marginal stands for so many equally likely values where two are compared."""
 
-
-STATED_BINS = 1000
-"""Of the histogram that the posterior of a threshold at a stated performance is."""
-
 PLACED_BY_PRIOR = (
     "the threshold lies outside the levels shown: its prior decides with it, and it has no number"
 )
 LIMITS_OF_PRIOR = (
     "the answers hardly place the threshold: its limits are those of the prior, and left out"
 )
-STATED_OUTSIDE = "the answers do not bound where performance is the stated one"
 WIDTH_OF_LEVELS = (
     "the width is near the gap between two levels: these bound it from above alone, and the lower"
     " limit is that of a step"
@@ -106,12 +100,8 @@ class PsychometricPosterior:
         performance falls. On logarithmic levels it is a ratio. `spread` in [0, 1) is how far the
         true share at a level strays: n trials there have 1 + (n - 1) spread^2 times the binomial
         variance.
-    stated : PosteriorEstimate or None
-        Where the share of right answers is the one that was stated; None where none was, or these
-        levels do not place it.
     marginals : mapping of name to Marginal
-        Of thresholds and widths on the axis that was fitted: ln x where it is logarithmic; of
-        ``stated``, too.
+        Of thresholds and widths on the axis that was fitted: ln x where it is logarithmic.
     level : float
         What the limits enclose.
     warnings : tuple of str
@@ -129,13 +119,12 @@ class PsychometricPosterior:
     level: float
     trials: int
     warnings: tuple[str, ...]
-    stated: PosteriorEstimate | None = None
 
     @property
     def unidentified(self) -> tuple[str, ...]:
         """Fields that hold the prior more than the answers."""
         prior = {PLACED_BY_PRIOR, LIMITS_OF_PRIOR} & set(self.warnings)
-        return ("threshold", "stated", "width", "marginals") if prior else ()
+        return ("threshold", "width", "marginals") if prior else ()
 
     def __call__(self, x: Floats) -> Floats:
         """Return the curve of the median parameters at `x`."""
@@ -185,7 +174,6 @@ def psychometric_posterior(
     overdispersed: bool = True,
     level: float = 0.95,
     rate_prior: tuple[float, float] = PRIOR,
-    share: float | None = None,
 ) -> PsychometricPosterior:
     """Integrate the posterior of a psychometric function on a grid.
 
@@ -200,8 +188,6 @@ def psychometric_posterior(
         Beta-binomial answers; else binomial.
     rate_prior : (a, b)
         Beta law of rates that are fitted.
-    share : float, optional
-        Of right answers, at which a threshold is given, too.
 
     Raises
     ------
@@ -265,24 +251,17 @@ def psychometric_posterior(
         height = log_density(grid)
         bounds = _narrowed(grid, height)
     marginals = _marginals(grid, height)
-    if share is not None:
-        marginals["stated"] = _stated(grid, height, share, shape, falling)
     tails = np.array([0.5, 0.5 - 0.5 * level, 0.5 + 0.5 * level])
     found = {name: [float(v) for v in one.quantile(tails)] for name, one in marginals.items()}
-    place, width, stated = found["threshold"], found["width"], found.get("stated")
+    place, width = found["threshold"], found["width"]
     lapsing = found["lapse"][0] if curve.lapse is None else 0.0
     notes = _notes(marginals["threshold"], low, high, lapsing, found["spread"][0])
     if width[1] < EVEN_FROM * gap:
         width[1] = 0.0
     if marginals["width"].mode < EVEN_FROM * gap:
         notes = (*notes, WIDTH_OF_LEVELS)
-    if stated and (stated[1] < low - span or stated[2] > high + span):
-        stated = None
-        del marginals["stated"]
-        notes = (*notes, STATED_OUTSIDE)
     if curve.logarithmic:
         place, width = [float(np.exp(v)) for v in place], [float(np.exp(v)) for v in width]
-        stated = stated and [float(np.exp(v)) for v in stated]
     if falling:
         width = [-width[0], -width[2], -width[1]]
     return PsychometricPosterior(
@@ -298,21 +277,16 @@ def psychometric_posterior(
         level=level,
         trials=int(total.sum()),
         warnings=notes,
-        stated=PosteriorEstimate(*stated) if stated else None,
     )
 
 
 def compare_thresholds(
-    fits: Mapping[str, PsychometricPosterior],
-    *,
-    reference: str | None = None,
-    of: Literal["threshold", "stated"] = "threshold",
+    fits: Mapping[str, PsychometricPosterior], *, reference: str | None = None
 ) -> tuple[ThresholdDifference, ...]:
     """Compare thresholds that come from different answers: of conditions, or of people.
 
-    `of` says which: half of the way, or at the stated performance. Posteriors are taken as
-    independent, which they are where no answer is in two of them. It speaks about these people:
-    for all people there could be, see `thresholds.fit_thresholds`.
+    Posteriors are taken as independent, which they are where no answer is in two of them. It
+    speaks about these people: for all people there could be, see `thresholds.fit_thresholds`.
 
     Raises
     ------
@@ -330,7 +304,7 @@ def compare_thresholds(
         raise ValueError("fits must have the same axis and the same level of their limits")
     level = first_fit.level
     places = (np.arange(PARTS) + 0.5) / PARTS
-    values = {name: fit.marginals[of].quantile(places) for name, fit in fits.items()}
+    values = {name: fit.marginals["threshold"].quantile(places) for name, fit in fits.items()}
     tails = np.array([0.5, 0.5 - 0.5 * level, 0.5 + 0.5 * level])
     rows = []
     for first, second in pairs:
@@ -441,36 +415,6 @@ def _marginals(grid: Mapping[str, Floats], height: Floats) -> dict[str, Marginal
         total = float(left @ weights[place])
         found[name] = Marginal(values, np.asarray(left / total, dtype=np.float64))
     return found
-
-
-def _stated(
-    grid: Mapping[str, Floats], height: Floats, share: float, shape: Shape, falling: bool
-) -> Marginal:
-    """Return the posterior of where so large a share of answers is right."""
-    mass = np.exp(height - height.max())
-    for name, values in grid.items():  # every axis but the last, which is summed
-        at = [1] * mass.ndim
-        at[list(grid).index(name)] = -1
-        mass = mass * _trapezoid(values).reshape(at)
-    mass = mass.sum(axis=-1)
-    place, width, guess, lapse = np.meshgrid(*list(grid.values())[:4], indexing="ij", sparse=True)
-    rise = (share - guess) / np.maximum(1.0 - guess - lapse, 1e-9)
-    inner = np.clip(1.0 - rise if falling else rise, 1e-4, 1.0 - 1e-4)
-    where = place + width * _way(inner, shape)
-    # What no curve reaches lies beyond all levels, where performance is best.
-    best = where.min() if falling else where.max()
-    where = np.where((rise > 0.0) & (rise < 1.0), where, best)
-    edges = np.linspace(float(where.min()), float(where.max()), STATED_BINS + 1)
-    counted = np.histogram(where.ravel(), edges, weights=np.broadcast_to(mass, where.shape).ravel())
-    middles = 0.5 * (edges[1:] + edges[:-1])
-    return Marginal(middles, counted[0] / (counted[0].sum() * (edges[1] - edges[0])))
-
-
-def _way(rise: Floats, shape: Shape) -> Floats:
-    """Return the distance from the threshold, in widths, at which S has this value."""
-    response = CurveForm(shape=shape).response
-    eta = np.vectorize(response.eta)(rise)
-    return np.asarray(eta / (response.eta(1.0 - WIDTH_EDGE) - response.eta(WIDTH_EDGE)))
 
 
 def _trapezoid(values: Floats) -> Floats:

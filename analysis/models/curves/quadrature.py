@@ -61,8 +61,6 @@ class PeopleFit:
     rates : ndarray (0 to 3,)
         What the fitted rates are made of: logit of the guess rate; mean and deviation over
         participants of the logit of the lapse rate (`mean_lapse`).
-    scores : ndarray (participants, parameters)
-        Slope of each participant's log likelihood: what a covariance that doubts the model takes.
     """
 
     beta: Floats
@@ -75,7 +73,6 @@ class PeopleFit:
     own: Floats
     lapses: Floats
     rates: Floats
-    scores: Floats
 
 
 def mean_lapse(median: float, sd: float) -> float:
@@ -160,7 +157,6 @@ def fit_people(
         own=own,
         lapses=lapse_of,
         rates=rates,
-        scores=sign * np.array([-part(point)[1] for part in model.parts(most=1)]),
     )
 
 
@@ -265,10 +261,10 @@ class _Integrated:
     def deviations(self) -> int:
         return 2 if self.conditions > 1 else 1
 
-    def parts(self, most: int = MOST_ROWS) -> "list[_Integrated]":
+    def parts(self) -> "list[_Integrated]":
         """Return the same of some participants each: so many rows as memory should hold at once."""
         last = np.flatnonzero(np.diff(self.person, append=-1)) + 1
-        cuts = last[np.diff((last - 1) // most, append=-1) != 0].tolist()
+        cuts = last[np.diff((last - 1) // MOST_ROWS, append=-1) != 0].tolist()
         found = []
         for low, high in pairwise([0, *cuts]):
             person, cell = int(self.person[low]), int(self.cell[low])

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import pandas as pd
 
@@ -28,7 +28,6 @@ from analysis.plans.rate_plan import RatePlan
 from analysis.plots.psychometric_plots import DrawnCurve
 from analysis.report.wording import p_number, size, size_range
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock
-from protocols.tasks.rates import performance_in_words
 
 MOST_PEOPLE = 12
 """Thresholds of people are compared, all pairs of them, in so small a group at most."""
@@ -65,8 +64,6 @@ class OwnCurves:
         Between conditions of one person.
     between : mapping of condition to tuple of ThresholdDifference
         Between people in one condition.
-    stated : mapping of participant to tuple of ThresholdDifference
-        As `within`, at the stated performance; empty where none is.
     """
 
     people: tuple[PersonFit, ...]
@@ -74,7 +71,6 @@ class OwnCurves:
     between: Mapping[str, tuple[ThresholdDifference, ...]]
     notes: tuple[str, ...]
     counts: Mapping[str, Mapping[str, Counts]] = field(repr=False)
-    stated: Mapping[str, tuple[ThresholdDifference, ...]]
 
 
 class OwnCurvesPart(LevelsPart[OwnCurves]):
@@ -92,9 +88,7 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                 if len(counts.levels) < 2:
                     notes.append(f"{who}, {name}: shown at one level only; no curve")
                     continue
-                fit = psychometric_posterior(
-                    *counts.arrays, form, level=plan.confidence, share=plan.stated_share
-                )
+                fit = psychometric_posterior(*counts.arrays, form, level=plan.confidence)
                 people.append(PersonFit(str(who), name, fit))
         within: dict[str, dict[str, PsychometricPosterior]] = {}
         between: dict[str, dict[str, PsychometricPosterior]] = {}
@@ -106,30 +100,22 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
             if len(fits) > MOST_PEOPLE:
                 notes.append(f"{len(fits)} people: not compared with each other, one by one")
                 between[name] = {}
-        stated = {
-            who: {name: fit for name, fit in fits.items() if fit.stated}
-            for who, fits in within.items()
-        }
         return OwnCurves(
             people=tuple(people),
             within=_compared(within),
             between=_compared(between),
             notes=tuple(notes),
             counts=counts_of_people(table, plan),
-            stated=_compared(stated, of="stated"),
         )
 
     def show(self, found: OwnCurves, plan: RatePlan) -> Presentation:
         """Return each person's curve in a row, and what differs within people."""
-        label, at = plan.label, ""
-        if plan.threshold_at is not None:
-            at = f"At {performance_in_words(plan.threshold_at)}"
+        label = plan.label
         compared = [
             {"within": kind, "of": who} | vars(one)
             for kind, groups in (
                 ("participant", found.within),
                 ("condition", found.between),
-                ("participant, stated performance", found.stated),
             )
             for who, several in groups.items()
             for one in several
@@ -151,16 +137,13 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     (
                         *(("Participant", "l"), ("Condition", "l c"), ("Threshold", "strong")),
                         ("Limits", "n"),
-                        *([(at, ""), ("Limits", "n")] if at else ()),
                         *((width_title(plan.logarithmic), ""), ("Lapse rate", ""), ("Spread", "")),
                     ),
                     [
                         (
                             one.participant,
                             label(one.condition),
-                            *cells[:2],
-                            *(_stated_cells(one) if at else ()),
-                            cells[2],
+                            *cells,
                             size(fit.lapse.value, 2),
                             size(fit.spread.value, 2),
                         )
@@ -184,14 +167,10 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                 ),
             ),
             sentences=tuple(
-                f"{who}{where}: {label(one.first)} minus {label(one.second)} {_gap(one)},"
+                f"{who}: {label(one.first)} minus {label(one.second)} {_gap(one)},"
                 f" {100 * one.level:g}% limits {size_range((one.lower, one.upper))}, posterior p"
                 f" {p_number(one.p_adjusted)}{' Holm-adjusted' * (len(several) > 1)}."
-                for groups, where in (
-                    (found.within, ""),
-                    (found.stated, f", {at[:1].lower()}{at[1:]}"),
-                )
-                for who, several in groups.items()
+                for who, several in found.within.items()
                 for one in several
             ),
             methods=(
@@ -215,29 +194,19 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
         )
 
 
-def _stated_cells(one: PersonFit) -> tuple[str, str]:
-    """Return the threshold at the stated performance, and its limits."""
-    at = one.fit.stated
-    known = one.known and at is not None
-    ends = (at.lower, at.upper) if at else None
-    return threshold_cells(known, at.value if at else 0.0, ends, 0.0)[:2]
-
-
 def _gap(one: ThresholdDifference) -> str:
     return size(one.difference, within=(one.lower, one.upper))
 
 
 def _compared(
     groups: Mapping[str, Mapping[str, PsychometricPosterior]],
-    of: Literal["threshold", "stated"] = "threshold",
 ) -> dict[str, tuple[ThresholdDifference, ...]]:
-    return {name: compare_thresholds(fits, of=of) for name, fits in groups.items() if len(fits) > 1}
+    return {name: compare_thresholds(fits) for name, fits in groups.items() if len(fits) > 1}
 
 
 def _line(one: PersonFit) -> dict[str, object]:
     line: dict[str, object] = {"participant": one.participant, "condition": one.condition}
-    names = ("threshold", "width", "guess", "lapse", "spread")
-    for name in (*names, "stated") if one.fit.stated else names:
+    for name in ("threshold", "width", "guess", "lapse", "spread"):
         known = name not in one.fit.unidentified
         for part in ("value", "lower", "upper"):
             column = name if part == "value" else f"{name}_{part}"

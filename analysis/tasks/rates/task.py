@@ -12,8 +12,6 @@ from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
 from analysis.parts.correct import RatesPart, odd_answers
 from analysis.parts.curves.goodness import GoodnessPart
-from analysis.parts.curves.slopes import SlopesPart
-from analysis.parts.curves.stated import StatedPart
 from analysis.parts.interaction import RateInteraction
 from analysis.parts.learning import RightLearning
 from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
@@ -46,8 +44,6 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         *sensitivity,
         CurvesPart(),
         ThresholdsPart(),
-        StatedPart(),
-        SlopesPart(),
         GoodnessPart(),
         *levels,
         ComparisonsPart(),

@@ -116,16 +116,6 @@ def test_a_prior_draws_the_lapse_rate_and_leaves_the_likelihood_alone():
     )
 
 
-def test_deviance_against_free_shares_is_chi_square_like(rng):
-    share = 0.5 + 0.5 * sigmoid(LEVELS, 0.0, 3.0, "gauss")
-    p = [
-        fit_psychometric(LEVELS, rng.binomial(80, share), np.full(9, 80), CurveForm(lapse=0.0)).p
-        for _ in range(14)
-    ]
-
-    assert stats.kstest(p, "uniform").pvalue > 1e-3
-
-
 @pytest.mark.parametrize(
     ("successes", "wanted"),
     [

@@ -250,14 +250,6 @@ def test_a_guess_rate_can_be_fitted(rng):
     assert model.guess == pytest.approx(0.125, abs=0.05)
 
 
-def test_each_condition_can_have_its_own_width(rng):
-    steep = study(rng, {"steep": 0.0}, width=1.5, repeats=40)
-    flat = study(rng, {"flat": 0.0}, width=6.0, repeats=40)
-    model = fit_thresholds(pd.concat([steep, flat]), "level", ("method",), own_widths=True)
-
-    assert model["flat"].width > 2 * model["steep"].width
-
-
 def test_scenes_that_differ_widen_limits(rng):
     rows = simulate_identification(
         TaskDesign(10, 6, 6), {"a": 0.0}, rng, levels=LEVELS, width=3.0, scene_sd=0.8

@@ -674,6 +674,19 @@ def test_a_note_read_again_says_what_was_written(tmp_path):
     assert read_note(tmp_path / "e.csv") is None
 
 
+@pytest.mark.parametrize(("stated", "said"), [("null", 0), ("0.75", 1)])
+def test_a_note_of_a_version_with_more_keys_is_read_and_says_what_is_ignored(
+    tmp_path, stated, said
+):
+    content = f'{{"format": 2, "analysis": {{"kind": "abx", "threshold_at": {stated}}}}}'
+    note_path(tmp_path / "d.csv").write_text(content)
+    notes: list[str] = []
+
+    assert read_note(tmp_path / "d.csv", notes).kind == "abx"
+    assert len(notes) == said
+    assert all("analysis.threshold_at is ignored: it was removed" in one for one in notes)
+
+
 def test_a_protocol_given_for_a_table_must_know_its_conditions(tmp_path):
     protocol = protocol_of(yes_no_text(), tmp_path)
     trials = simulate_yes_no(
