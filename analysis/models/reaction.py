@@ -57,7 +57,7 @@ def participant_medians(
     }
 
 
-def mean_with_limits(values: Floats, level: float) -> tuple[float, float, float]:
+def _mean_with_limits(values: Floats, level: float) -> tuple[float, float, float]:
     """Return the mean of people's values and its t limits.
 
     Values that are NaN are left out; one person has no limits, nobody no mean.
@@ -80,7 +80,7 @@ def _groups(rows: pd.DataFrame, by: Sequence[str]) -> list[tuple[str, pd.DataFra
 def _summary(condition: str, rows: pd.DataFrame, level: float) -> ReactionTimes:
     times = rows["rt_s"].to_numpy(dtype=np.float64)
     medians = np.log(rows.groupby("participant")["rt_s"].median().to_numpy(dtype=np.float64))
-    mean, lower, upper = mean_with_limits(medians, level)
+    mean, lower, upper = _mean_with_limits(medians, level)
     notes = ["one participant only: no limits"] * (medians.size < 2)
     if times.size < 4 * medians.size:
         notes.append("fewer than 4 answers per participant")
