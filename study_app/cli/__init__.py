@@ -15,7 +15,6 @@ import typer
 
 from pipeline.errors import notes_printed
 from protocols.errors import StudyError
-from protocols.gone import gone_from_command
 from protocols.limits import check_limits_variable
 from study_app.cli.complete import completing
 from study_app.cli.error_messages import user_errors
@@ -72,6 +71,8 @@ class _FrontDoor(LazyGroup):
 
     def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
         """Read old spellings as those of today, and refuse what was removed."""
+        from protocols.gone import gone_from_command
+
         completing(self)
         if message := gone_from_command(args):
             with user_errors():
