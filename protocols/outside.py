@@ -27,6 +27,8 @@ _ZIP_TAIL = (1 << 16) + 200
 """Bytes at the end of a zip file, of which the last 65,535 may be a comment."""
 _ZIP_ENTRY = 46 + 64
 """Bytes of a member in the list of a zip file: its header, and a name."""
+OURS = ("protocols", "pipeline", "stimuli", "study_app", "analysis")
+"""Packages of ours, whose modules a plug-in may import."""
 _KEPT = {0x09, 0x0A}
 _TURNS = {*range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x200E, 0x200F, 0x061C}
 _HIDDEN = {*range(0x20), *range(0x7F, 0xA0), *_TURNS, 0x2028, 0x2029, 0xFEFF} - _KEPT
@@ -138,9 +140,12 @@ def plug_in(owner: str, name: str, group: str, error: type[Exception]) -> Iterat
     except KeyboardInterrupt:
         raise
     except BaseException as found:
+        lost = isinstance(found, ImportError) and (found.name or "").split(".")[0] in OURS
+        cure = " it by docs/from-0.3-to-0.4.md, which says what went or moved," * lost
         raise error(
             f"package {owner!r}: its plug-in {name!r} of metamerlab.{group} must load"
-            f" ({type(found).__name__}: {visible_line(str(found))}); mend or uninstall the package"
+            f" ({type(found).__name__}: {visible_line(str(found))}); mend{cure} or uninstall the"
+            " package"
         ) from found
 
 

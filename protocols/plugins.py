@@ -17,7 +17,7 @@ from types import GenericAlias
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from protocols.errors import StudyError
-from protocols.outside import plug_in, visible_line
+from protocols.outside import OURS, plug_in, visible_line
 
 T = TypeVar("T")
 Fits = Callable[[str, Any], bool]
@@ -27,7 +27,6 @@ GROUPS = (
     "trackers",
 )  # fmt: skip
 _PREFIX = "metamerlab."
-_OURS = ("protocols", "pipeline", "stimuli", "study_app", "analysis")
 
 
 def registered(group: str, shipped: Mapping[str, T], must: str, fits: Fits) -> dict[str, T]:
@@ -107,7 +106,7 @@ _CHECKING: set[object] = set()
 
 
 def _is_ours(base: type[Any]) -> bool:
-    return base.__module__.split(".")[0] in (*_OURS, "pydantic", "builtins", "abc")
+    return base.__module__.split(".")[0] in (*OURS, "pydantic", "builtins", "abc")
 
 
 def _checking(group: str, name: str, own: Any, first: Any) -> Callable[..., Any]:
@@ -166,7 +165,7 @@ def culprit(error: BaseException) -> str | None:
         entry
         for name in GROUPS
         for entry in _entry_points().select(group=_PREFIX + name)
-        if entry.module.split(".")[0] not in _OURS  # what ships may stand under another name
+        if entry.module.split(".")[0] not in OURS  # what ships may stand under another name
     ]
     raised = f"{type(error).__name__}: {visible_line(str(error))}"
     for whole in (True, False):  # the module that it names, or another of its package

@@ -136,6 +136,20 @@ def test_a_plug_in_that_ends_while_it_loads_is_named(installed, group, ends):
 
 
 @pytest.mark.parametrize("group", REGISTRIES)
+@pytest.mark.parametrize(
+    "line", ["import analysis.parts.oracle", "from protocols.tasks.base import Oracle"]
+)
+def test_a_plug_in_that_imports_what_went_is_sent_to_the_page_that_says_so(installed, group, line):
+    with pytest.raises((StudyError, InputError)) as caught:
+        installed(group, "odd:Plain", f"{line}\nclass Plain: pass\n")
+
+    message = str(caught.value)
+    assert message.startswith(f"package 'odd-one': its plug-in 'mine' of metamerlab.{group} must")
+    cure = "mend it by docs/from-0.3-to-0.4.md, which says what went or moved, or uninstall"
+    assert message.endswith(f"; {cure} the package")
+
+
+@pytest.mark.parametrize("group", REGISTRIES)
 @pytest.mark.parametrize("target", ["odd:number", "odd:text", "odd:nothing", "odd", "odd:of_five"])
 def test_a_plug_in_of_a_wrong_type_is_named(installed, group, target):
     with pytest.raises((StudyError, InputError)) as caught:

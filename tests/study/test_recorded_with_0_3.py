@@ -6,7 +6,10 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 import tarfile
 from collections.abc import Callable, Iterator
 from functools import cache, lru_cache
@@ -14,12 +17,13 @@ from pathlib import Path
 
 import pytest
 from fixed_studies import leaves, rounded
+from study_texts import short_study
 from typer.testing import CliRunner
 from undrawn_reports import undrawn
 
 from protocols.gone import gone, without_gone
 from protocols.load import read_toml
-from protocols.tasks.pairs import PreferenceAnalysis
+from protocols.manifest import read_manifest
 from study_app.cli import app
 
 RECORDED = Path(__file__).parents[1] / "recorded" / "v0_3" / "recorded.tar.xz"
@@ -36,14 +40,19 @@ TABLES = (
     "abx", "adaptive", "confidence", "detection", "graded-pairs", "preference",
     "preference-confidence", "ratings", "two-answers",
 )  # fmt: skip
-ALL = (*(f"studies/{name}" for name in STUDIES), *(f"web/{name}" for name in WEB))
+ALL = (
+    *(f"studies/{name}" for name in STUDIES), *(f"web/{name}" for name in WEB), "batches/mesh",
+)  # fmt: skip
+BATCHES = {"files": 12, "mesh": 6}
+"""Frames by name."""
 MIDDLE = "studies/sequential-of-detection"
 """One that is fast, and names what may be gone."""
-COMPARED = ("preferences", "rates", "ratings", "sensitivity", "times")
-"""Parts of `results.json` whose counts, shares and means stay."""
+COMPARED = ("bias", "preferences", "rates", "ratings", "sensitivity", "times")
+"""Parts of `results.json` that stay."""
 PLAIN = (
-    "share", "count", "trials", "decisions", "participants", "median", "mean", "n", "chosen",
-    "hits", "false_alarms", "correct", "wins", "losses",
+    "answers", "chosen", "condition", "correct_rejections", "d_prime", "false_alarms", "hits",
+    "mean_of_medians", "mean_rating", "median", "misses", "participants", "quartile_high",
+    "quartile_low", "ratings", "scenes", "share", "trials", "trimmed_mean",
 )  # fmt: skip
 """Keys whose values are counted or averaged: no search and no draws are in them."""
 
@@ -131,7 +140,7 @@ def stays(results: Path) -> Iterator[tuple[str, object]]:
 def check_numbers(before: Path, after: Path) -> None:
     was, is_now = dict(stays(before)), dict(stays(after))
     assert {place: is_now.get(place) for place in was} == was
-    assert len(was) > 10
+    assert len(was) > 9
 
 
 def reported(folder: Path, out: Path) -> None:
@@ -140,12 +149,6 @@ def reported(folder: Path, out: Path) -> None:
         told = said(*words, "--out", out, "--no-figures")
     check_notes(folder / "study.toml", told)
     check_numbers(folder / "results.json", out / "results.json")
-
-
-def sampled(study: Path) -> bool:
-    """Return True where a report still samples posteriors, which takes an extra and a minute."""
-    analysis = read_toml(study)["analysis"]
-    return "bayes" in PreferenceAnalysis.model_fields and "bayes" in analysis
 
 
 def passed_on(folder: Path, out: Path) -> None:
@@ -173,8 +176,6 @@ def test_every_recorded_study_is_proven_tabulated_exported_and_archived(recorded
 @pytest.mark.slow
 @pytest.mark.parametrize("place", ALL)
 def test_every_recorded_study_is_reported_with_the_same_numbers(recorded, tmp_path, place):
-    if sampled(recorded(place) / "study.toml"):
-        pytest.skip("posteriors are still there")
     reported(recorded(place), tmp_path / "report")
 
 
@@ -192,3 +193,113 @@ def test_lines_of_browsers_become_the_same_sessions_and_tables(recorded, tmp_pat
     shutil.move(tmp_path / "sessions", again / "sessions")
     proven(again)
     tabulated(again, tmp_path / "tables")
+
+
+@pytest.mark.parametrize("name", BATCHES)
+def test_the_frames_of_a_batch_are_those_that_were_built(recorded, name):
+    told = said("stimuli", "check", recorded(f"batches/{name}") / "clips")
+    assert f"in order. {BATCHES[name] // (2 if name == 'mesh' else 1)} clips" in told
+    assert f"{BATCHES[name]} frames" in told
+
+
+def test_a_batch_of_pictures_is_built_again_with_the_same_frames(recorded, tmp_path):
+    folder = recorded("batches/files")
+    said("stimuli", "build", folder / "study.toml", "--out", tmp_path / "clips", "--workers", 1)
+    before, after = (
+        {clip.name: clip.frames_sha256 for clip in read_manifest(clips).clips}
+        for clips in (folder / "clips", tmp_path / "clips")
+    )
+    assert after == before
+
+
+@pytest.mark.parametrize("name", ["plain", "with-clips", "decrypted"])
+def test_archives_are_proven(recorded, name):
+    told = said("session", "verify", recorded("archives") / f"{name}.zip")
+    assert f"{name}.zip: whole (" in told
+    assert ("clips, the study's secret" in told) == (name == "with-clips")
+
+
+@pytest.mark.parametrize("name", ["passphrase", "recipient"])
+def test_an_encrypted_archive_is_refused_with_the_cure(recorded, name):
+    path = recorded("archives") / f"{name}.zip.age"
+    told = said("session", "verify", path, status=2)
+    assert f"{path}: must be a plain archive (it is encrypted by age); decrypt it with 'age" in told
+    assert "then verify" in told
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name != "detection")) for name in TABLES],
+)
+def test_a_table_is_reported_with_the_same_numbers(recorded, tmp_path, name):
+    folder = recorded(f"tables/{name}")
+    table = folder / "decisions.csv"
+    with undrawn():
+        told = said("analysis", "report", table, "--out", tmp_path / "report", "--no-figures")
+    check_numbers(folder / "results.json", tmp_path / "report" / "results.json")
+    settings = {"analysis": json.loads((folder / "decisions.json").read_text())["analysis"]}
+    for key in without_gone(settings)[1]:
+        assert f"{key} is ignored: it {gone(key)}" in told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("two-answers", ("psychometric", "--level", "level", "--by", "method", "--falling")),
+        ("detection", ("detection", "--signal", "inconsistent", "--by", "method")),
+        ("ratings", ("ratings", "--by", "method")),
+        ("graded-pairs", ("ratings",)),
+        ("two-answers", ("reaction", "--by", "method")),
+    ],
+)
+def test_a_table_is_taken_by_the_command_of_its_kind(recorded, tmp_path, name, words):
+    command, *options = words
+    table = recorded(f"tables/{name}") / "decisions.csv"
+    said("analysis", command, table, *options, "--out", tmp_path / "out")
+    assert (tmp_path / "out" / "results.json").is_file()
+
+
+LAB = {
+    "stimuli": 'kind = "lab-ramps"\nfills = { mean = "lab-mean" }\nedge_px = 32',
+    "task": 'kind = "lab-above"\nseparation_deg = 3.0\nstimulus_s = 0.1',
+    "analysis": 'kind = "lab-choice"\nprimary = { method = "whole", against = "mean" }',
+    "trial": "fixation_s = 0.1\niti_s = 0.1",
+}
+USE_TRACKER = """
+import sys
+from types import SimpleNamespace
+from study_app.gaze.open_source import open_gaze
+gaze = open_gaze("steady:3,4", SimpleNamespace(clock=lambda: 1.0))
+gaze.open()
+print(gaze.info().source)
+"""
+
+
+@pytest.mark.slow
+def test_plug_ins_of_every_kind_written_for_0_3_run(recorded, with_packages, tmp_path):
+    site = recorded("lab")
+    text = short_study(name="lab", answers=("upper", "lower"), design="repeats = 1", **LAB)
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    stills = tmp_path / "clips/a-mean/000000.png", tmp_path / "clips/a-whole/000000.png"
+    done = with_packages(
+        site,
+        ("warp", "--list"),
+        ("protocol", "check", "study.toml"),
+        ("stimuli", "build", "study.toml", "--out", "clips", "--workers", 1),
+        ("stimuli", "score", *stills, "--metrics", "lab-error", "--out", "scores"),
+        ("session", "simulate", "study.toml", "--stimuli", "clips", "--out", "sessions",
+         "--participants", 3),
+        ("analysis", "report", "sessions", "--protocol", "study.toml", "--out", "report",
+         "--no-figures"),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "lab-settling" in done.stdout
+    results = json.loads((tmp_path / "report/results.json").read_text())["results"]
+    assert {"lab_fast", "lab_sides", "preferences"} <= set(results)
+    assert "lab-error" in (tmp_path / "scores/scores.csv").read_text()
+    opened = subprocess.run(
+        [sys.executable, "-c", USE_TRACKER], capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(site), *sys.path])},
+    )  # fmt: skip
+    assert opened.stdout.strip() == "steady", opened.stderr
