@@ -31,9 +31,9 @@ STUDIES = (
     "abx", "active-pairs", "all-that-goes", "bayes", "confidence", "confidence-of-preferences",
     "gaze", "identification", "interaction", "quest-plus", "rating", "reaction-models",
     "reaction-models-of-answers", "sequential-bayes-factor", "sequential-obrien-fleming",
-    "sequential-of-detection", "sequential-pocock", "tracker-eyelink", "tracker-gazepoint",
-    "tracker-lsl", "tracker-pupil", "tracker-tobii", "two-alternative", "two-interval", "up-down",
-    "which-half", "yes-no", "yes-no-up-down",
+    "sequential-of-detection", "sequential-pocock", "threshold-at", "tracker-eyelink",
+    "tracker-gazepoint", "tracker-lsl", "tracker-pupil", "tracker-tobii", "two-alternative",
+    "two-interval", "up-down", "which-half", "yes-no", "yes-no-up-down",
 )  # fmt: skip
 WEB = ("rating", "two-interval", "yes-no", "yes-no-by-up-down", "yes-no-with-confidence")
 TABLES = (
