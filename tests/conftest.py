@@ -25,6 +25,13 @@ from pipeline.gl.context import create_context, release_context
 # Shell scripts, and kills by the signals of POSIX.
 POSIX_ONLY = ["test_attack.py", "test_prove_gpu.py", "test_release.py", "test_scripts.py"]
 collect_ignore = POSIX_ONLY if sys.platform == "win32" else []
+# Tests of the repository itself: whoever only wants to know if it works here does without them.
+ABOUT_THE_REPOSITORY = (
+    "test_attack.py", "test_budgets.py", "test_docs.py", "test_first_words.py", "test_fixtures.py",
+    "test_installed_wheel.py", "test_layers.py", "test_names.py", "test_one_set_of_blocks.py",
+    "test_packaging.py", "test_prove_gpu.py", "test_readme_table.py", "test_references.py",
+    "test_release.py", "test_revision.py", "test_scripts.py", "test_site.py", "test_tutorials.py",
+)  # fmt: skip
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -74,6 +81,22 @@ LONGEST = (
     "tests/product/test_own_photographs.py",
     "tests/product/test_reproducibility_page.py",
 )
+# Long ones that touch each kind once, in the short run.
+EIGHT = (
+    "tests/presenter/test_every_task_was_shown.py"
+    "::test_another_process_sees_every_logged_flip_with_the_hashed_frames[two-alternative stills]",
+    "tests/presenter/test_every_task_was_shown.py"
+    "::test_window_painter_and_preview_show_the_same_pixels[two-alternative stills]",
+    "tests/web/test_browser_sessions.py"
+    "::test_a_session_of_every_task_comes_home_from_chromium[yes-no]",
+    "tests/study/test_kills_by_task.py"
+    "::test_disturbed_anywhere_it_goes_on_as_it_would_have[two-interval-killed]",
+    "tests/stats/reports/test_report.py::test_the_page_needs_nothing_from_outside",
+    "tests/batch/test_stimuli_build.py::test_a_batch_holds_every_clip_of_its_protocol",
+    "tests/twins/test_metameric_gpu.py::test_fill_on_gpu_matches_reference[size7]",
+    "tests/foveation/test_foveation_gpu.py"
+    "::test_metamer_on_gpu_matches_reference[size1-viewing1-gaze_px1]",
+)
 WAITING = ("tests/presenter/", "tests/web/")
 STANDS_BACK = 5
 """Niceness of workers that compute."""
@@ -97,7 +120,13 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--slow``, ``--full`` and ``--costs``."""
+    """Add ``--short``, ``--slow``, ``--full`` and ``--costs``."""
+    parser.addoption(
+        "--short",
+        action="store_true",
+        help="the middle case of every test that is not slow and not about the repository itself,"
+        " and eight long ones",
+    )
     parser.addoption("--slow", action="store_true", help="run tests marked slow, too, as CI does")
     parser.addoption(
         "--full",
@@ -173,6 +202,10 @@ def cpu_s() -> float:
     return now.user + now.system + now.children_user + now.children_system + forked
 
 
+COLLECTION = "collection"
+"""A row of its own among the costs."""
+
+
 class Costs:
     """Cost of every test, its fixtures included where they were made."""
 
@@ -180,22 +213,29 @@ class Costs:
 
     def __init__(self) -> None:
         self._last_s = cpu_s()
+        self._collection_s = 0.0
         self._by_test: Counter[str] = Counter()
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_finish(self) -> None:
+        """Keep what collection took apart from the first test: each worker collects by itself."""
+        now_s = cpu_s()
+        self._collection_s, self._last_s = now_s - self._last_s, now_s
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self) -> Generator[None, Any, Any]:
         """Tell the phase's cost to whoever reads reports: with xdist that is another process."""
         report = yield
         now_s = cpu_s()
-        report.user_properties = [*report.user_properties, ("cpu_s", now_s - self._last_s)]
-        self._last_s = now_s
+        costs = [("cpu_s", now_s - self._last_s), ("collection_s", self._collection_s)]
+        report.user_properties = [*report.user_properties, *costs]
+        self._last_s, self._collection_s = now_s, 0.0
         return report
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Add a phase to its test."""
-        self._by_test[report.nodeid] += sum(
-            s for key, s in report.user_properties if key == "cpu_s"
-        )
+        for key, name in (("cpu_s", report.nodeid), ("collection_s", COLLECTION)):
+            self._by_test[name] += sum(s for told, s in report.user_properties if told == key)
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         """Print files and the slowest tests, as tables."""
@@ -204,7 +244,7 @@ class Costs:
             files[name.partition("::")[0]] += seconds
         tell = terminalreporter.write_line
         terminalreporter.section("costs")
-        tell(f"{len(self._by_test)} tests took {sum(files.values()):.0f} CPU seconds")
+        tell(f"{len(self._by_test) - 1} tests took {sum(files.values()):.0f} CPU seconds")
         for head, rows in (("file", files), ("test", self._by_test)):
             tell(f"\n| s | {head} |\n| ---: | --- |")
             for name, seconds in rows.most_common(self.SLOWEST):
@@ -255,12 +295,42 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return order.get(name, len(order)), name.split("/")
 
     items.sort(key=place)
+    if config.getoption("--short"):
+        lost = {*EIGHT} - {item.nodeid for item in items}
+        if lost and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+            raise pytest.UsageError(f"the short run must have {', '.join(lost)} (see EIGHT)")
+        kept = {id(item) for item in one_of_each(items)}
+        config.hook.pytest_deselected(items=[item for item in items if id(item) not in kept])
+        items[:] = [item for item in items if id(item) in kept]
     for mark, why in (("slow", "takes seconds"), ("full", "a long proof")):
         if not config.getoption(f"--{mark}"):
             skip = pytest.mark.skip(reason=f"{why}: script/test --{mark} runs it")
             for item in items:
-                if item.get_closest_marker(mark):
+                if item.get_closest_marker(mark) and not asked_by_short(config, item):
                     item.add_marker(skip)
+
+
+def asked_by_short(config: pytest.Config, item: pytest.Item) -> bool:
+    """Return True for one of the eight long tests of the short run."""
+    return bool(config.getoption("--short")) and item.nodeid in EIGHT
+
+
+def one_of_each(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Return the middle case of every test that is not slow, for the first is often the empty one,
+    and the eight long ones."""
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        slow = item.get_closest_marker("slow") or item.get_closest_marker("full")
+        if not slow and Path(item.fspath).name not in ABOUT_THE_REPOSITORY:
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    middle = [family[len(family) // 2] for family in cases.values()]
+    return middle + [item for item in items if item.nodeid in EIGHT and item not in middle]
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave tests of the repository out of the short run: nothing of them is even read."""
+    short = config.getoption("--short") and collection_path.name in ABOUT_THE_REPOSITORY
+    return True if short else None
 
 
 def pytest_collection_finish() -> None:

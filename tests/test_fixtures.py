@@ -99,6 +99,35 @@ def test_long_proofs_run_whole_when_asked(run_pytest):
     assert "3 passed" in output
 
 
+def test_the_short_run_takes_the_middle_case_of_a_test_and_long_ones_by_name(run_pytest):
+    source = """
+import pytest
+
+@pytest.mark.parametrize("case", ["empty", "middle", "odd"])
+def test_cases(case):
+    print("ran", case)
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["named", "other"])
+def test_long(case):
+    print("ran", case)
+"""
+    named = "\nEIGHT = ('test_made_up.py::test_long[named]',)\n"
+    status, output = run_pytest(source, "--short", conftest=named)
+
+    assert status == 0
+    assert re.findall("ran (\\w+)", output) == ["middle", "named"]
+    assert "2 passed, 3 deselected" in output
+
+
+def test_the_short_run_reads_no_test_of_the_repository(run_pytest):
+    left_out = "\nABOUT_THE_REPOSITORY = ('test_made_up.py',)\n"
+    status, output = run_pytest("raise RuntimeError('was read')", "--short", conftest=left_out)
+
+    assert status == 5
+    assert "was read" not in output
+
+
 def test_files_that_begin_first_are_there(repository):
     text = (repository / "tests/conftest.py").read_text(encoding="utf-8")
     first = re.findall(r'^    "(tests/.*\.py)",$', text, flags=re.MULTILINE)

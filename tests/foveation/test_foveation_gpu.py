@@ -29,7 +29,7 @@ from stimuli.foveated.condition_sheet import look_through
 # Pools of half a pixel up to some 30, seen with every sort of border.
 VIEWS = [
     ((96, 96), Flat(40), (48.0, 48.0)),
-    ((129, 200), Flat(90), (30.0, 100.0)),
+    ((90, 301), Flat(90), (200.0, 40.0)),
     ((77, 64), Flat(40), (-90.0, 500.0)),
     ((100, 200), Equirectangular(), (190.0, 20.0)),
     ((9, 13), Flat(100), (2.0, 2.0)),
