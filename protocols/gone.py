@@ -9,29 +9,24 @@ LAST_WITH_ALL = "5076b993 (version 0.3.0)"
 """The last revision that has everything named here."""
 
 INSTEAD: Mapping[str, str] = {
-    "analysis psychometric --threshold-at": (
+    **dict.fromkeys(
+        ("analysis psychometric --threshold-at", "analysis.threshold_at"),
         "take the thresholds of the report, half of the way from guessing to lapsing (about 75 %"
         " right of two answers), or fit decisions.csv with psignifit or quickpsy for another"
-        " performance"
+        " performance",
     ),
-    "analysis.threshold_at": (
-        "take the thresholds of the report, half of the way from guessing to lapsing (about 75 %"
-        " right of two answers), or fit decisions.csv with psignifit or quickpsy for another"
-        " performance"
+    **dict.fromkeys(
+        ("analysis bayes", "analysis.bayes"),
+        "fit decisions.csv with brms (R) or bambi (Python)",
     ),
-    "analysis bayes": "fit decisions.csv with brms (R) or bambi (Python)",
-    "analysis.bayes": "fit decisions.csv with brms (R) or bambi (Python)",
+    **dict.fromkeys(
+        ("analysis sequential", "analysis.sequential"),
+        "compute the bounds of looks with rpact or gsDesign, and say in the preregistration when"
+        " the study stops",
+    ),
     "analysis confidence": (
         "read decisions.csv, whose column confidence holds the steps, with metadpy (Python) or"
         " HMeta-d (R, MATLAB)"
-    ),
-    "analysis sequential": (
-        "compute the bounds of looks with rpact or gsDesign, and say in the preregistration when"
-        " the study stops"
-    ),
-    "analysis.sequential": (
-        "compute the bounds of looks with rpact or gsDesign, and say in the preregistration when"
-        " the study stops"
     ),
     "analysis export --format psych-ds": (
         "export with --format bids, or write the tables with 'metamerlab analysis tidy'"
