@@ -11,14 +11,13 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from analysis import SEED
 from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
 from analysis.arrays import Bools, Floats
 from analysis.models.numeric import ROUNDING
-from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, computed
-from analysis.parts.added import with_added
+from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, computed, with_added
 from analysis.plots import power_plot
 from analysis.plots.style import Figure
-from analysis.seed import SEED
 from analysis.showable import FamilyOfTests, two_scenes
 from protocols.errors import StudyError
 from protocols.prose import count_of

@@ -21,7 +21,7 @@ from analysis.data_dictionary import (
 from analysis.exclusions import FlowStep, apply_exclusions
 from analysis.journals import Progress, StudyReadings, read_study
 from analysis.participants import ParticipantFlow, demographics, participant_flow
-from analysis.tables.write_table import write_table
+from analysis.tables.table_files import write_table
 from protocols.disk.hashing import sha256_file
 from protocols.journal import (
     Answer,

@@ -201,7 +201,7 @@ def test_no_module_imports_what_imports_it(repository):
         module: {other for other in others if not inside(module, other)}
         for module, others in modules_above(sources).items()
     }
-    assert "analysis.plots.style" in above["analysis.plots.scales"]
+    assert "analysis.plots.style" in above["analysis.plots.preference_plots"]
 
     assert not in_circles(above)
 

@@ -83,7 +83,7 @@ REGISTRIES = {
     "builders": "stimuli/recipes/__init__.py",
     "observers": "study_app/observers/__init__.py",
     "analyses": "analysis/tasks/__init__.py",
-    "parts": "analysis/parts/added.py",
+    "parts": "analysis/parts/__init__.py",
     "metrics": "stimuli/score/metrics.py",
     "trackers": "study_app/gaze/open_source.py",
     "methods": "",

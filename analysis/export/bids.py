@@ -9,11 +9,22 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.data_dictionary import SESSION_COLUMNS, attempt_columns
-from analysis.export.bids_events import event_columns, event_rows
+from analysis.export.bids_events import (
+    FileColumn,
+    column_docs,
+    event_columns,
+    event_rows,
+    write_tsv,
+)
 from analysis.export.bids_gaze import write_gaze
-from analysis.export.bids_tables import FileColumn, column_docs, write_tsv
-from analysis.export.export_content import ExportedStudy, generated_by, label, write_json
-from analysis.export.exported_people import Person, Run
+from analysis.export.export_content import (
+    ExportedStudy,
+    Person,
+    Run,
+    generated_by,
+    label,
+    write_json,
+)
 from analysis.export.public import gaze_source, scrub, system
 from protocols.disk.hashing import Json, sha256_json
 from protocols.display import Display

@@ -1,9 +1,18 @@
-"""Rows of a BIDS events file: onset and kind of what happened in one run of the program."""
+"""Tables in the form of BIDS, and the rows of its events files.
 
-from dataclasses import replace
+Cells are separated by tabs, `n/a` where nothing is. An event has onset and kind of what happened in
+one run of the program.
+"""
 
-from analysis.export.bids_tables import FileColumn
-from analysis.export.exported_people import Run
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.export.export_content import Run
+from protocols.columns import Column
+from protocols.disk.hashing import Json
 from protocols.journal import (
     AnyEvent,
     Attempt,
@@ -15,7 +24,57 @@ from protocols.journal import (
     Pause,
     SessionEnd,
 )
+from protocols.outside import page_bytes
 from protocols.tasks.confidence_question import CONFIDENCE
+
+NOTHING = "n/a"
+
+
+@dataclass(frozen=True)
+class FileColumn:
+    """A column of a table, as its sidecar explains it."""
+
+    name: str
+    description: str
+    unit: str = ""
+    levels: tuple[tuple[str, str], ...] = ()
+
+    @classmethod
+    def of(cls, column: Column) -> "FileColumn":
+        """Return a column of the tidy tables; units are for numbers, BIDS takes them so."""
+        if column.kind == "text":
+            return cls(column.name, column.meaning + (f" ({column.unit})" if column.unit else ""))
+        return cls(column.name, column.meaning, column.unit)
+
+    def doc(self) -> dict[str, Json]:
+        """Return its entry in a sidecar."""
+        found: dict[str, Json] = {"Description": self.description}
+        if self.unit:
+            found["Units"] = self.unit
+        if self.levels:
+            found["Levels"] = dict(self.levels)
+        return found
+
+
+def column_docs(columns: Sequence[Column]) -> dict[str, Json]:
+    """Return the sidecar entries of tidy columns."""
+    return {column.name: FileColumn.of(column).doc() for column in columns}
+
+
+def write_tsv(path: Path, table: pd.DataFrame, columns: Sequence[FileColumn]) -> None:
+    """Write those of `columns` that the table has; cells lose tabs and line ends."""
+    names = [column.name for column in columns if column.name in table]
+    rows = ("\t".join(map(cell, row)) for row in table[names].itertuples(index=False))
+    lines = ["\t".join(names), *rows]
+    path.write_bytes(page_bytes("\n".join(lines) + "\n"))
+
+
+def cell(value: object) -> str:
+    """Return one cell: `n/a` for what is missing or empty."""
+    if value is None or value is pd.NA or value != value:
+        return NOTHING
+    return " ".join(str(value).split()) or NOTHING
+
 
 _KINDS = (
     ("session-start", "The program was started for this session"),

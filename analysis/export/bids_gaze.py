@@ -9,9 +9,8 @@ from io import TextIOWrapper
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
 
-from analysis.export.bids_tables import NOTHING
-from analysis.export.export_content import ExportedStudy, write_json
-from analysis.export.exported_people import Person, Run
+from analysis.export.bids_events import NOTHING
+from analysis.export.export_content import ExportedStudy, Person, Run, write_json
 from analysis.export.public import gaze_source
 from protocols.disk.hashing import Json, sha256_bytes
 from protocols.disk.read_file import read_bytes

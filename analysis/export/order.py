@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from analysis.export.exported_people import drawn
+from analysis.export.export_content import drawn
 from analysis.journals import JournalReading, StudyReadings
 from analysis.tidy import TidyTables
 from protocols.counterbalancing import arrival_shows

@@ -1,13 +1,12 @@
-"""Reads a study's sessions and writes them as one export: whole, or not at all."""
+"""Reads a study's sessions and writes them as one export, whole or not at all; pwcmp's table."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from analysis.export import ExportOptions, Format
 from analysis.export.bids import write_bids
-from analysis.export.choices import ExportOptions, Format
-from analysis.export.export_content import ExportedStudy
-from analysis.export.exported_people import people_of
+from analysis.export.export_content import ExportedStudy, people_of
 from analysis.export.order import (
     refuse_adaptive,
     telling_columns,
@@ -18,12 +17,34 @@ from analysis.export.order import (
     without_order,
 )
 from analysis.export.public import public_readings, public_tables, refuse_private
-from analysis.export.pwcmp import write_pwcmp
 from analysis.journals import Progress, StudyReadings, read_study
-from analysis.tidy import tidy_tables
+from analysis.tables.table_files import write_table
+from analysis.tidy import pwcmp_table, tidy_tables
 from protocols.disk.result_folder import check_result, whole_folder, without_links
 from protocols.errors import StudyError
+from protocols.outside import page_bytes
 from protocols.study_file.schema import StudyProtocol
+
+NAME = "pwcmp.csv"
+
+
+def write_pwcmp(content: ExportedStudy, folder: Path) -> tuple[str, ...]:
+    """Write the decisions that the protocol's rules keep, and a README."""
+    table = pwcmp_table(content.tables.analysed)
+    write_table(table, folder / NAME)
+    first = "comes first in the alphabet" if content.left_out else "was shown first"
+    text = content.readme(
+        f"`{NAME}`: one decision per row, main trials that the protocol's exclusion rules keep."
+        " `observer` and `session` name the participant; `scene` is scene and amount of"
+        " disocclusion, since only clips of one amount were compared; `condition_A`"
+        f" {first}; `is_A_selected` is 1 where it was preferred. `scene_name` and `size` are scene"
+        " and amount apart; pwcmp passes over them, and `analysis import --map scene=scene_name`"
+        " takes them.",
+        lists_sessions=False,
+    )
+    (folder / "README.md").write_bytes(page_bytes(text))
+    return ()
+
 
 _WRITERS: dict[Format, Callable[[ExportedStudy, Path], tuple[str, ...]]] = {
     "bids": write_bids,

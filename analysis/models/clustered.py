@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtr
 
 from analysis.arrays import Bools, Floats
-from analysis.models.tails import two_sided_p, two_sided_quantile
+from analysis.models.numeric import two_sided_p, two_sided_quantile
 from protocols.prose import count_of
 
 EXACT_FLIPS = 16

@@ -8,7 +8,7 @@ from math import comb
 import numpy as np
 
 from analysis.arrays import Floats
-from analysis.models.tails import chi_squared_p
+from analysis.models.numeric import chi_squared_p
 
 ENUMERATED_CONDITIONS = 7
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from analysis.arrays import Floats, Ints
 from analysis.models.clustered import held_p, holm, least_p, two_way_df, weighted_df
-from analysis.models.numeric import ROUNDING, zeroed
-from analysis.models.tails import two_sided_p, two_sided_quantile
+from analysis.models.numeric import ROUNDING, two_sided_p, two_sided_quantile, zeroed
 from protocols.errors import StudyError
 from protocols.limits import FIXED
 

@@ -14,8 +14,7 @@ from analysis.models.cells import checked, conditions, grid
 from analysis.models.contrasts import Difference, paired, pairs_of
 from analysis.models.curves.response import RATE_PRIOR
 from analysis.models.ideal_observer import AbxRule, abx_share
-from analysis.models.numeric import numeric_hessian
-from analysis.models.tails import chi_squared_quantile, two_sided_quantile
+from analysis.models.numeric import chi_squared_quantile, numeric_hessian, two_sided_quantile
 from protocols.prose import count_of
 
 Law = Literal["distance", "published"]

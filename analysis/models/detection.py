@@ -19,6 +19,7 @@ from analysis.models.ideal_observer import (
     corrected_share,
     forced_choice_d_prime,
 )
+from analysis.models.numeric import two_sided_p, two_sided_quantile
 from analysis.models.right_answers import (
     Influence,
     Rate,
@@ -27,7 +28,6 @@ from analysis.models.right_answers import (
     rate_contrasts,
     share_influence,
 )
-from analysis.models.tails import two_sided_p, two_sided_quantile
 
 
 @dataclass(frozen=True)

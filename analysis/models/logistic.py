@@ -29,7 +29,7 @@ from analysis.models.mixed.logit import (
     profile_limits,
     separated,
 )
-from analysis.models.tails import two_sided_p, two_sided_quantile
+from analysis.models.numeric import two_sided_p, two_sided_quantile
 
 FEW_CLUSTERS = 10
 

@@ -28,9 +28,8 @@ from analysis.models.mixed.deviations import Deviation
 from analysis.models.mixed.glmm import CountedTrials, LaplaceLikelihood, laplace_deviations
 from analysis.models.mixed.inference import USUAL, Draws, Inference
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
-from analysis.models.numeric import slope_hessian
+from analysis.models.numeric import chi_squared_p, slope_hessian, two_sided_quantile
 from analysis.models.right_answers import FEW_PARTICIPANTS
-from analysis.models.tails import chi_squared_p, two_sided_quantile
 from protocols.tasks.rates import name_of
 
 OrdinalLink = Literal["probit", "logit"]

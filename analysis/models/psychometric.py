@@ -10,7 +10,7 @@ import scipy
 
 from analysis.arrays import Floats
 from analysis.models.curves.response import Link, ResponseFunction, axis_of
-from analysis.models.tails import chi_squared_quantile
+from analysis.models.numeric import chi_squared_quantile
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
 from protocols.adaptive.psychometric_function import sigmoid as broadcast_sigmoid

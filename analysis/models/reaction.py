@@ -9,7 +9,7 @@ import pandas as pd
 import scipy
 
 from analysis.arrays import Floats
-from analysis.models.tails import two_sided_quantile
+from analysis.models.numeric import two_sided_quantile
 
 
 @dataclass(frozen=True)

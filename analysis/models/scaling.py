@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from analysis.arrays import Floats
+from analysis.models.numeric import chi_squared_p
 from analysis.models.paired.paired_counts import (
     PSEUDO_VOTES,
     Model,
@@ -16,7 +17,6 @@ from analysis.models.paired.paired_counts import (
     pair_index,
     solve_pairs,
 )
-from analysis.models.tails import chi_squared_p
 
 
 @dataclass(frozen=True)

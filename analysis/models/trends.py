@@ -8,8 +8,7 @@ import scipy
 
 from analysis.arrays import Floats
 from analysis.models.clustered import participant_t, sign_flip_p
-from analysis.models.numeric import ROUNDING, tied
-from analysis.models.tails import two_sided_quantile
+from analysis.models.numeric import ROUNDING, tied, two_sided_quantile
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 A kind of task is a tuple of parts. Every door (a study's report, a command on one table, a
 plug-in) shows all of a part: section, sentences, methods, tables, figures.
+Packages add parts by entry points of ``metamerlab.parts``.
 """
 
 from abc import ABC, abstractmethod
@@ -14,14 +15,15 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from analysis import SEED
 from analysis.answers import SimulatedAnswers
 from analysis.arrays import Floats
 from analysis.models.mixed.inference import Draws, Inference
 from analysis.plots.style import Figure
-from analysis.seed import SEED
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Section
 from protocols.errors import StudyError
+from protocols.plugins import based_on, misfit, registered
 from protocols.tasks.base import Analysis
 from protocols.tasks.mixed import Weights
 
@@ -374,3 +376,26 @@ def tried(make: Callable[[], T], what: str, notes: list[str]) -> T | None:
     except ValueError as problem:
         notes.append(f"no {what}: {problem}")
         return None
+
+
+ADDED: Mapping[str, Callable[[], AnyPart]] = registered(
+    "parts", {}, "name a class based on analysis.parts.Part", based_on(Part)
+)
+"""By name. A report of any kind asks each whether it is `wanted`."""
+
+
+def with_added(own: Sequence[AnyPart]) -> tuple[AnyPart, ...]:
+    """Return the parts of a kind of analysis, and those after them.
+
+    Raises
+    ------
+    StudyError
+        If one takes the name of such a part.
+    """
+    taken = {part.name for part in own}
+    parts = tuple(make() for make in ADDED.values())
+    for entry, part in zip(ADDED, parts, strict=True):
+        if part.name in taken:
+            must = f"name a part with a name of its own, not {part.name!r}, which is taken"
+            raise misfit("parts", entry, must, part)
+    return (*own, *parts)

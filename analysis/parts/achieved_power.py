@@ -12,7 +12,7 @@ from scipy.special import ndtri
 
 from analysis.models.clustered import ClusteredShare, two_way
 from analysis.models.compared_methods import Comparisons, counts
-from analysis.models.tails import two_sided_quantile
+from analysis.models.numeric import two_sided_quantile
 from analysis.parts import Part, Presentation
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.report.wording import leading, level_text, number, number_range, share

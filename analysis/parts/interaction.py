@@ -25,7 +25,7 @@ from analysis.parts.scale import BOOTSTRAP_SAMPLES
 from analysis.parts.shared import apa_difference
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan, shown_in
-from analysis.plots.interaction_plot import interaction_plot
+from analysis.plots.tasks import interaction_plot
 from analysis.report.values import flat_table
 from analysis.report.wording import (
     column_in_words,

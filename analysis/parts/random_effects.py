@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from analysis.models.mixed.deviations import MOST_PROFILED, Deviation
 from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, Presentation
-from analysis.plots.caterpillar import caterpillar_plot
+from analysis.plots.trial_plots import caterpillar_plot
 from analysis.report.wording import level_text, number_range, placed, share
 from protocols.blocks import FigurePlace, Paragraph, TableBlock
 

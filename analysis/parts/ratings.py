@@ -34,7 +34,7 @@ from analysis.parts.shared import (
     sd_text,
 )
 from analysis.plans.rating_plan import RatingPlan
-from analysis.plots.rating_plots import ratings_plot
+from analysis.plots.tasks import ratings_plot
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.wording import (
     NOT_IDENTIFIED,

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
+from analysis import SEED
 from analysis.arrays import Floats
 from analysis.data_dictionary import frame_of
 from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
@@ -39,7 +40,6 @@ from analysis.report.wording import (
     p_text,
     placed,
 )
-from analysis.seed import SEED
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, TableBlock, grouped
 from protocols.prose import count_of

@@ -1,9 +1,8 @@
 """Figures of results: legible at one column (3.33 in) and two (7 in), saved reproducibly."""
 
 from analysis.plots.curves import learning_plot, power_plot
-from analysis.plots.preference_plots import forest_plot, preference_bars
+from analysis.plots.preference_plots import forest_plot, jod_plot, preference_bars
 from analysis.plots.psychometric_plots import DrawnCurve, people_plot, psychometric_plot
-from analysis.plots.scales import jod_plot
 from analysis.plots.style import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
 from analysis.plots.tasks import d_prime_plot, detection_plot, rates_plot, scaling_plot
 from analysis.plots.trial_plots import bias_bars, heat_map, reaction_plot

@@ -6,7 +6,7 @@ from itertools import cycle
 import numpy as np
 
 from analysis.arrays import Floats
-from analysis.models.tails import two_sided_quantile
+from analysis.models.numeric import two_sided_quantile
 from analysis.models.trends import Course
 from analysis.plots.style import (
     BLUE,

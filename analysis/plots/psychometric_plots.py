@@ -8,7 +8,7 @@ import numpy as np
 
 from analysis.arrays import Floats
 from analysis.models.curves.goodness_of_fit import Misfit
-from analysis.models.tails import two_sided_quantile
+from analysis.models.numeric import two_sided_quantile
 from analysis.models.trends import Course
 from analysis.plots.style import (
     DASHES,

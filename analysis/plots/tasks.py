@@ -1,4 +1,4 @@
-"""Figures of tasks with right answers: correct and bias, d' by condition, d' against scaling."""
+"""Figures of tasks: right answers and bias, d', d' against scaling, a second factor, ratings."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -13,6 +13,7 @@ from analysis.models.detection import (
     YesNoResults,
 )
 from analysis.models.ideal_observer import abx_d_prime
+from analysis.models.ordinal import RatingModel
 from analysis.models.right_answers import Rate
 from analysis.plots.style import (
     BLUE,
@@ -25,6 +26,7 @@ from analysis.plots.style import (
     Figure,
     explain,
     interval,
+    key,
     legend_columns,
     level_axis,
     limits_text,
@@ -220,3 +222,117 @@ def rates_plot(
         said = f"Lines: {limits_text(rates[0].level)}; dashed: chance, which p is against"
         explain(figure, said, width_in)
     return figure
+
+
+def interaction_plot(
+    rows: Sequence[tuple[str, str, float, float, float]],
+    *,
+    title: str,
+    chance: float,
+    level: float,
+    width_in: float = 7.0,
+    simulated: bool = False,
+) -> Figure:
+    """Draw shares with limits.
+
+    Parameters
+    ----------
+    rows : sequence of (what is compared, value of the factor, share, lower, upper)
+    title : str
+        What the factor is called.
+    """
+    groups = list(dict.fromkeys(of for of, *_ in rows))
+    values = list(dict.fromkeys(at for _, at, *_ in rows))
+    held = [[row for row in rows if row[0] == of] for of in groups]
+    most = max(map(len, held))
+    step = 0.4 / max(1, most - 1)
+    placed = [
+        (place + step * (rank - 0.5 * (len(own) - 1)), *row[1:])
+        for place, own in enumerate(held)
+        for rank, row in enumerate(own)
+    ]
+    height = 0.95 + (0.16 * most + 0.2 * (most > 1)) * len(groups)
+    with new_figure(width_in, height, simulated=simulated) as figure:
+        axes = figure.subplots()
+        for number, value in enumerate(values):
+            own = [row for row in placed if row[1] == value]
+            colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
+            for y, _, _, lower, upper in own:
+                axes.plot([lower, upper], [y, y], color=colour, lw=1.4)
+            axes.plot([row[2] for row in own], [row[0] for row in own], marker, color=colour,
+                      ls="none", ms=4.5, label=value)  # fmt: skip
+        null_line(axes, chance)
+        share_axis(axes, "Share")
+        name_rows(axes, groups, width_in)
+        named = f"{title} ({values[0]})" if len(values) == 1 else title
+        key(figure, values, f"{named}; lines: {limits_text(level)}; dashed: chance", width_in)
+    return figure
+
+
+TOLD = 14
+"""Ratings that the legend names at most; of a slider, whose colours run on, these suffice."""
+
+
+def ratings_plot(
+    model: RatingModel,
+    *,
+    shares: bool = True,
+    width_in: float = 3.33,
+    simulated: bool = False,
+) -> Figure:
+    """Draw the shares of each rating (left), and conditions on the latent axis with limits.
+
+    `shares` False leaves the first panel out, as for pairs, whose ratings belong to two methods.
+    """
+    cells = model.conditions
+    each_in = row_in([one.condition for one in cells], width_in, 0.32)
+    with new_figure(width_in, 1.0 + each_in * len(cells), simulated=simulated) as figure:
+        panels = figure.subplots(1, 2 if shares else 1, sharey=True, squeeze=False)[0]
+        if shares:
+            _bars(panels[0], model)
+        axes = panels[-1]
+        for y, one in enumerate(cells):
+            interval(axes, y, one.place, one.lower, one.upper)
+        null_line(axes, 0.0)
+        unit = "SD" if model.link == "probit" else "logits"
+        axes.set_xlabel(f"Place ({unit})" if width_in < 5 else f"Place on the latent axis ({unit})")
+        for panel in panels:
+            name_rows(panel, [one.condition for one in cells], width_in)
+        said = f"lines: {limits_text(model.level)}"
+        if shares:
+            bars, names = panels[0].get_legend_handles_labels()
+            told = np.unique(
+                np.linspace(0, len(names) - 1, min(len(names), TOLD)).round().astype(int)
+            )
+            figure.legend(
+                [bars[k] for k in told], [names[k] for k in told], loc="outside lower center",
+                ncols=min(len(told), 7 if width_in > 5 else 5),
+                title=f"Rating (left); {said} (right)",
+            )  # fmt: skip
+        else:
+            explain(figure, said.capitalize(), width_in)
+    return figure
+
+
+def _bars(axes: Axes, model: RatingModel) -> None:
+    colours = _ramp(len(model.categories))
+    for y, one in enumerate(model.conditions):
+        left = 0.0
+        for k, value in enumerate(one.shares):
+            axes.barh(
+                y,
+                value,
+                left=left,
+                height=0.65,
+                color=colours[k],
+                label=model.categories[k] if y == 0 else None,
+            )
+            left += value
+    share_axis(axes, "Share of ratings")
+
+
+def _ramp(count: int) -> Sequence[tuple[float, float, float, float]]:
+    """Return colours that differ in lightness, for grey prints and the colour-blind."""
+    from matplotlib import colormaps
+
+    return [colormaps["cividis"](x) for x in np.linspace(0.05, 0.95, count)]

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.parts import Estimate, estimates_of
-from analysis.parts.added import with_added
+from analysis.parts import Estimate, estimates_of, with_added
 from analysis.report.report_source import ReportSource
 from analysis.report.wording import number_range, p_number, placed
 from protocols.blocks import Block, Paragraph, TableBlock

@@ -6,8 +6,7 @@ from typing import Any
 from markupsafe import Markup
 
 from analysis.report import wording
-from analysis.report.content import ReportContent
-from analysis.report.participants_section import participant_blocks
+from analysis.report.content import ReportContent, participant_blocks
 from analysis.report.report_source import ReportSource
 from analysis.report.values import rows_as_json
 from analysis.tidy import TidyTables

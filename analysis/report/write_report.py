@@ -25,7 +25,7 @@ from analysis.report.report_source import (
     from_table,
 )
 from analysis.report.values import as_json, rows_as_json
-from analysis.tables.write_table import write_table
+from analysis.tables.table_files import write_table
 from analysis.tidy import write_tables
 from protocols.blocks import Paragraph
 from protocols.disk.hashing import Json

@@ -1,6 +1,7 @@
 """Files of tables as rows of text: CSV however it is encoded, spreadsheets, folders of both.
 
 What is changed is said, a note for each kind of change; what is plain already is left as it is.
+Tables are written as CSV that spreadsheets show and do not run (docs/decisions/0165).
 """
 
 from __future__ import annotations
@@ -11,14 +12,17 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
+
+import pandas as pd
 
 from analysis.tables.counts import HEADER, Counted, decisions_of, is_square
 from analysis.tables.spreadsheet import ENDINGS, read_spreadsheet
 from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
 from protocols.limits import FIXED, check_cells, check_within
-from protocols.outside import CONTROL, lines_of, original_cell
+from protocols.outside import CONTROL, lines_of, original_cell, safe_cell
 from protocols.prose import count_of
 
 TABLES = (".csv", ".tsv", *ENDINGS)
@@ -251,3 +255,27 @@ def shortened(text: object) -> str:
     """Return a value as a message shows it: its beginning, where it is very long."""
     shown = str(text)
     return shown if len(shown) <= SHOWN_LETTERS else shown[:SHOWN_LETTERS] + "..."
+
+
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """Write a table as CSV that spreadsheets show and do not run.
+
+    A text that begins with = + - @ or a control character gets an apostrophe in front, as does one
+    that begins so after apostrophes; `rows_of` takes one away again. Other control
+    characters, which it refuses, are spelt out. Numbers stay numbers.
+    """
+    safe = table.copy()
+    for place, kind in enumerate(table.dtypes):
+        if not pd.api.types.is_numeric_dtype(kind):
+            safe.isetitem(place, table.iloc[:, place].map(_cell).to_numpy())
+    safe.columns = pd.Index([_cell(name) for name in table.columns])
+    safe.to_csv(path, index=False, lineterminator="\n", errors="backslashreplace")
+
+
+def _cell(value: object) -> object:
+    return _text_cell(value) if isinstance(value, str) else value
+
+
+@lru_cache(maxsize=1024)  # names and dates come many times
+def _text_cell(text: str) -> object:
+    return safe_cell(CONTROL.sub(lambda found: ascii(found.group())[1:-1], text))

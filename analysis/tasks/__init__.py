@@ -1,16 +1,21 @@
 """Analyses by kind: `kind` in the section `[analysis]` of a study names one.
 
 Each is imported when it is asked for. A package adds one by an entry point of
-``metamerlab.analyses`` that names a function without arguments, which returns it.
+``metamerlab.analyses`` that names a function without arguments, which returns it. Planning
+asks them if a design can find anything at all.
 """
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import get_args
 
+import numpy as np
+
+from analysis.showable import two_scenes
 from analysis.tasks.base import AnyAnalysis, TaskAnalysis
 from protocols.errors import StudyError, must_be_one_of
 from protocols.plugins import misfit, registered, taking
+from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.task_kinds import TASKS
 
 
@@ -26,12 +31,12 @@ ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
     "analyses",
     {
         "preference": _shipped("preference", "PreferenceOfPairs"),
-        "detection": _shipped("detection", "DetectionRates"),
-        "identification": _shipped("identification", "IdentificationRates"),
-        "abx": _shipped("abx", "AbxRates"),
-        "which-half": _shipped("abx", "WhichHalfRates"),
+        "detection": _shipped("rates", "DetectionRates"),
+        "identification": _shipped("rates", "IdentificationRates"),
+        "abx": _shipped("rates", "AbxRates"),
+        "which-half": _shipped("rates", "WhichHalfRates"),
         "ratings": _shipped("rating_analysis", "RatingsTask"),
-        "psychometric": _shipped("level_tables", "TableOfLevels"),
+        "psychometric": _shipped("rates", "TableOfLevels"),
         "reaction": _shipped("time_tables", "TableOfTimes"),
     },
     "name a function or class without arguments that gives a TaskAnalysis",
@@ -76,3 +81,20 @@ def analysis_of_task(task: str) -> AnyAnalysis:
         raise StudyError(must_be_one_of("task", task, known))
     field = TASKS[task].analysis.model_fields["kind"]
     return analysis_of(str(get_args(field.annotation)[0]))
+
+
+def planning_notes(study: StudyProtocol) -> list[str]:
+    """Return notes on claims that the planned design can hardly or never show."""
+    analysis = study.analysis
+    people, families = study.study.participants, analysis_of(analysis.kind).families(study)
+    test = getattr(analysis, "test", None)  # of ratings always about further scenes
+    alone = ', or say test = "participant", which speaks of these alone' * (test is not None)
+    scenes = np.unique([cell.scene for cell in study.task.cells(study.pool)]).size
+    return [
+        *(note for one in families for note in one.hopeless(people, analysis.alpha)),
+        *(
+            f"{note}. Show four or more{alone}"
+            for note in two_scenes(scenes)
+            if test in (None, "participant-scene")
+        ),
+    ]

@@ -10,9 +10,9 @@ from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import pandas as pd
 
+from analysis import SEED
 from analysis.parts import AnalysisPlan, AnyPart
 from analysis.power import PowerSimulation
-from analysis.seed import SEED
 from analysis.showable import FamilyOfTests
 from analysis.tables.table import Source
 from analysis.tables.trials import answer_columns

@@ -5,9 +5,9 @@ from typing import Any, ClassVar, Literal
 
 import pandas as pd
 
-from analysis.guessing import below_guessing
 from analysis.models.cells import conditions
 from analysis.parts import AnalysisPlan, AnyPart
+from analysis.parts.correct import below_guessing
 from analysis.parts.random_effects import TimeEffects
 from analysis.parts.times import TimesPart
 from analysis.plans.table_settings import TimeTableSettings, check_contrasts

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.seed import SEED
+from analysis import SEED
 from protocols.errors import StudyError
 from protocols.prose import count_of
 from protocols.tasks.task_kinds import TASKS
@@ -162,7 +162,7 @@ def tidy(
 
     Example: metamerlab analysis tidy sessions --protocol demo --out tables
     """
-    from analysis.tables.write_table import write_table
+    from analysis.tables.table_files import write_table
     from analysis.tasks import analysis_of
     from analysis.tasks.note import write_note
     from analysis.tidy import read_sessions, write_tables
@@ -378,7 +378,7 @@ def import_(
     from analysis.data_dictionary import dictionary
     from analysis.plans.table_settings import RateTableSettings
     from analysis.tables.table import BY_IMPORT
-    from analysis.tables.write_table import write_table
+    from analysis.tables.table_files import write_table
     from analysis.tasks import analysis_of_task
     from analysis.tasks.note import options_from, write_note
     from protocols.disk.result_folder import check_result, whole_folder

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.export.choices import EYES, FORMATS, ExportOptions
+from analysis.export import EYES, FORMATS, ExportOptions
 from protocols.errors import StudyError
 from study_app.cli.options import (
     SessionsArgument,

@@ -90,7 +90,7 @@ def check(
         check_choice(study.gaze, gaze, simulate=True)
     manifest = read_manifest(stimuli) if stimuli else None
     # Imported here: they bring the renderer and the statistics along.
-    from analysis.planning import planning_notes
+    from analysis.tasks import planning_notes
     from study_app.cli.checked_study import require_buildable
 
     builder, unwritten = require_buildable(protocol, study, screen, manifest)
@@ -276,7 +276,7 @@ def preregister(
 
         metamerlab protocol preregister my-study.toml --power power --why "As in our pilot."
     """
-    from analysis.planning import planning_notes
+    from analysis.tasks import planning_notes
 
     study, screen = load_study(protocol, display)
     manifest = read_manifest(stimuli) if stimuli else None

@@ -11,8 +11,7 @@ import pytest
 from attack.guesses import export_and_guess, recorded, secretly
 from attack.kills import CASES, write_study
 
-from analysis.export import write_export
-from analysis.export.choices import FORMATS, ExportOptions
+from analysis.export import FORMATS, ExportOptions, write_export
 from analysis.export.order import telling_columns, tells_order
 from analysis.export.write_export import export_study
 from protocols.counterbalancing import place_of, rounds

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from study_texts import shipped_study
 
-from analysis.export.choices import FORMATS, ExportOptions
+from analysis.export import FORMATS, ExportOptions
 from analysis.export.write_export import export_study
 from protocols.disk.hashing import sha256_bytes, sha256_json
 from protocols.errors import StudyError
@@ -168,7 +168,7 @@ def test_new_names_follow_from_nothing_that_is_public(studies, tmp_path):
 
     Five people have 120 orders, so one study may have any of them by chance; four have not.
     """
-    from analysis.export.exported_people import people_of
+    from analysis.export.export_content import people_of
     from analysis.journals import read_study
 
     def order_of(path, sessions):

@@ -353,7 +353,7 @@ def test_a_gaze_file_outside_the_session_is_never_read(tmp_path):
 
 def test_codes_stay_apart_when_they_become_labels():
     from analysis.export.bids import subject
-    from analysis.export.exported_people import Person
+    from analysis.export.export_content import Person
 
     labels = {subject(Person(code, None, ())) for code in ("a-b", "a_b", "ab")}
 

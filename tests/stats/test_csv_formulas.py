@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from analysis.tables.decisions import read_decisions
 from analysis.tables.table import Table
-from analysis.tables.write_table import write_table
+from analysis.tables.table_files import write_table
 from analysis.tidy import read_sessions, write_tables
 from protocols.outside import original_cell, safe_cell
 

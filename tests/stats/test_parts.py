@@ -15,7 +15,7 @@ from markupsafe import escape
 from typer.testing import CliRunner
 from undrawn_reports import drawn_narrow, undrawn
 
-from analysis.parts import Estimate, Part, Presentation, added, computed, estimates_of
+from analysis.parts import Estimate, Part, Presentation, computed, estimates_of, with_added
 from analysis.report.write_report import report_decisions
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times
@@ -529,9 +529,9 @@ def test_what_exclusions_change_is_told_of_a_labs_part_too(monkeypatch):
         def estimates(self, found, _plan):
             return (Estimate("a lab's number", found.value, 0.0, 1.0, 0.5, 3),)
 
-    monkeypatch.setattr(added, "ADDED", {"lab": lambda: Told("lab", needs=("times",))})
+    monkeypatch.setattr("analysis.parts.ADDED", {"lab": lambda: Told("lab", needs=("times",))})
     table = TABLES["ratings"][2]().assign(rt_s=1.0)
     monkeypatch.setattr(Draws, "compute", lambda *_: Number(0.25))
     analysis = analysis_of("reaction")
-    found = estimates_of(added.with_added(analysis.parts), analysis.table(table, PLAN), PLAN)
+    found = estimates_of(with_added(analysis.parts), analysis.table(table, PLAN), PLAN)
     assert [one.what for one in found] == ["a lab's number"]

@@ -13,8 +13,8 @@ import pytest
 from scipy.stats import norm
 from typer.testing import CliRunner, Result
 
-from analysis.guessing import below_guessing, curve_mistake
 from analysis.models.cells import conditions
+from analysis.parts.correct import below_guessing, curve_mistake
 from analysis.tables.decisions import read_decisions
 from analysis.tables.rating_table import read_ratings
 from analysis.tables.table import Table

@@ -67,7 +67,7 @@ def test_planning_a_study_imports_no_figures_and_no_models():
     heavy = ("matplotlib", "statsmodels", "scipy.stats", "scipy.optimize", "scipy.sparse")
     code = (
         "import sys\n"
-        "from analysis.planning import planning_notes\n"
+        "from analysis.tasks import planning_notes\n"
         "from protocols.load import load_protocol, shipped\n"
         "for path in shipped('studies').values():\n"
         "    study = load_protocol(path)\n"

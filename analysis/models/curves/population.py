@@ -10,8 +10,7 @@ from analysis.arrays import Floats
 from analysis.models.contrasts import CrossedDesign, Difference, Pair, wald
 from analysis.models.curves.quadrature import mean_lapse
 from analysis.models.curves.response import ResponseFunction, axis_of
-from analysis.models.numeric import delta_method
-from analysis.models.tails import two_sided_quantile
+from analysis.models.numeric import delta_method, two_sided_quantile
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
 
 OPEN_RANGES = 5.0

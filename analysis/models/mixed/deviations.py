@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from analysis.arrays import Floats
-from analysis.models.tails import chi_squared_quantile
+from analysis.models.numeric import chi_squared_quantile
 
 MOST_PROFILED = 300
 """Of all effects together, for profile limits: more take minutes."""

@@ -7,7 +7,7 @@ import scipy
 from scipy.special import expit, log_expit
 
 from analysis.arrays import Floats, Ints
-from analysis.models.tails import chi_squared_p, chi_squared_quantile
+from analysis.models.numeric import chi_squared_p, chi_squared_quantile
 
 MAX_STEPS = 200
 FARTHEST = 1e6

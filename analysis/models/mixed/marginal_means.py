@@ -8,7 +8,7 @@ import numpy as np
 
 from analysis.arrays import Floats
 from analysis.models.clustered import holm
-from analysis.models.tails import two_sided_p, two_sided_quantile
+from analysis.models.numeric import two_sided_p, two_sided_quantile
 
 Asked = Mapping[str, Mapping[str, float]]
 """Contrasts by name: of each, weights of conditions."""

@@ -23,8 +23,8 @@ from analysis.models.mixed.deviations import Deviation
 from analysis.models.mixed.inference import USUAL, Draws, Inference
 from analysis.models.mixed.linear_mixed import LinearMixed, fit_linear_mixed
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
+from analysis.models.numeric import two_sided_quantile
 from analysis.models.right_answers import FEW_PARTICIPANTS
-from analysis.models.tails import two_sided_quantile
 
 NO_SPREAD = 1e-3
 """Of ln s; a deviation below is none."""

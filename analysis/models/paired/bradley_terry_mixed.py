@@ -18,8 +18,8 @@ from analysis.models.mixed.glmm import (
     fit_crossed,
     reduced_ratio,
 )
+from analysis.models.numeric import two_sided_p
 from analysis.models.paired.paired_counts import components, has_maximum
-from analysis.models.tails import two_sided_p
 
 FEW_METHODS = 3
 """Up to so many a second search finds more at times (5 of 72 contrasts; above, none of 306)."""

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import pandas as pd
 
+from analysis import SEED
 from analysis.models.compared_methods import as_numbers, pairing_rows
 from analysis.parts import AnyPart
 from analysis.parts.achieved_power import AchievedPowerPart
@@ -23,7 +24,6 @@ from analysis.plans.preference_plan import (
     from_protocol,
 )
 from analysis.plans.table_settings import PreferenceTableSettings
-from analysis.seed import SEED
 from analysis.simulations import Choices
 from analysis.tables.decisions import preference_columns, read_decisions
 from analysis.tables.table import Source

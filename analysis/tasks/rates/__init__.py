@@ -1,5 +1,326 @@
-"""Analysis that tasks with right answers share: detection, identification, ABX."""
+"""Analyses of right and wrong answers: their base, and those of each task and of tables.
 
-from analysis.tasks.rates.task import RatesTask, rate_parts
+`detection` is of yes-no tasks, `identification` of one among m answers, `abx` and `which-half` of
+the tasks of these names, `psychometric` of a table along a level.
+"""
 
-__all__ = ["RatesTask", "rate_parts"]
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pandas as pd
+
+from analysis.arrays import Floats
+from analysis.models.detection import DiscriminationResults, abx, identification
+from analysis.parts import AnyPart
+from analysis.parts.comparisons import ComparisonsPart
+from analysis.parts.correct import RatesPart, curve_mistake, odd_answers
+from analysis.parts.curves.critical import CriticalPart
+from analysis.parts.curves.goodness import GoodnessPart
+from analysis.parts.curves.own_curves import OwnCurvesPart
+from analysis.parts.interaction import RateInteraction
+from analysis.parts.learning import RightLearning
+from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
+from analysis.parts.people import PeoplePart
+from analysis.parts.random_effects import RightEffects, TimeEffects
+from analysis.parts.right_models import ModelsPart
+from analysis.parts.sensitivity import DiscriminationPart, TypicalPart, YesNoPart
+from analysis.parts.times import TimesPart
+from analysis.plans.rate_plan import (
+    CurvePlan,
+    RatePlan,
+    baseline_in,
+    common_settings,
+    common_settings_of_table,
+    prepared,
+)
+from analysis.plans.table_settings import (
+    AbxTableSettings,
+    CurveTableSettings,
+    DetectionTableSettings,
+    IdentificationTableSettings,
+    WhichHalfTableSettings,
+)
+from analysis.simulations import RightAnswers, Tracks, tabulated
+from analysis.tables.table import Source, opened
+from analysis.tables.trials import as_decisions, read_trials
+from analysis.tasks.base import TaskAnalysis
+from protocols.errors import StudyError, did_you_mean
+from protocols.study_file.schema import StudyProtocol
+from protocols.tasks.base import Analysis
+from protocols.tasks.rates import name_of
+
+
+def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[AnyPart, ...]:
+    """Return the parts of a task with right answers, whose parts of sensitivity are its own.
+
+    `levels` are further ones along the level.
+    """
+    return (
+        RatesPart(),
+        *sensitivity,
+        CurvesPart(),
+        ThresholdsPart(),
+        GoodnessPart(),
+        *levels,
+        ComparisonsPart(),
+        RateInteraction(),
+        ModelsPart(),
+        RightEffects(ModelsPart()),
+        PeoplePart(),
+        RightLearning(),
+        TimesPart(),
+        TimeEffects(TimesPart()),
+    )
+
+
+class RatesTask(TaskAnalysis[RatePlan]):
+    """Shares of right answers, sensitivity, levels, models: whatever the answers are."""
+
+    two: ClassVar[bool] = False
+    """There are two answers, of which a table may name one."""
+
+    # What differs between tasks.
+
+    @abstractmethod
+    def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
+        """Return the answers that a table without a protocol speaks of."""
+
+    # PreferencePlan and tables.
+
+    def settings(self, study: StudyProtocol) -> RatePlan:
+        """Return columns, values and rules of a protocol."""
+        return common_settings(study)
+
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatePlan:
+        """Return the plan that was told; without a protocol nothing was planned."""
+        return common_settings_of_table(decisions, name, told, self.table_answers(decisions, told))
+
+    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
+        """Read trials: who was shown what, answered what, and was right or wrong."""
+        rows = opened(table, mapping)
+        wanted = list(told.by_columns)
+        if told.interaction not in (None, told.level, *wanted):
+            wanted.append(told.interaction)
+        levels = [name for name in (told.level,) if name is not None]
+        found = read_trials(rows, conditions=wanted, levels=levels, own=rows.imported, two=self.two)
+        # What was mapped is there under our name; it need not be there twice.
+        renamed = rows.renamed - {*wanted, told.level}
+        return as_decisions(found.drop(columns=renamed, errors="ignore"))
+
+    def table_notes(self, decisions: pd.DataFrame, settings: RatePlan) -> Sequence[str]:
+        """Return notes on answers below guessing, or that get worse where they should not."""
+        return odd_answers(prepared(decisions, settings), settings)
+
+    def check_table(self, path: Path, decisions: pd.DataFrame, settings: RatePlan) -> None:
+        """Refuse conditions and answers that the protocol does not have."""
+        rows = prepared(decisions, settings)
+        checked = [(settings.by_name, "condition", settings.values)] if settings.by else []
+        if "answer" in decisions:
+            checked.append(("answer", "answer", settings.answers))
+        for name, column, known in checked:
+            unknown = sorted(set(rows[column].map(name_of)) - set(known))
+            if unknown:
+                raise StudyError(
+                    f"{path}: {name} must be one of the protocol's ({', '.join(known)})"
+                    f" (got {', '.join(unknown)}){did_you_mean(unknown[0], known)}"
+                )
+
+    def table(self, decisions: pd.DataFrame, settings: RatePlan) -> pd.DataFrame:
+        """Return the decisions with their condition."""
+        return prepared(decisions, settings)
+
+    def parts_of(self, settings: RatePlan) -> Sequence[AnyPart]:
+        """Return the parts; where levels were chosen from the answers, thresholds come first."""
+        return sorted(self.parts, key=lambda part: settings.adaptive and part.section != SECTION)
+
+    # Power.
+
+    def share_of(self, _settings: RatePlan) -> Callable[[Floats], Floats] | None:
+        """Return the chance of a right answer by d'; None where answers have a criterion."""
+        return None
+
+    def simulation(self, study: StudyProtocol) -> RightAnswers | Tracks:
+        """Return the simulation of the study's own cells, with observers of this task."""
+        plan = self.settings(study)
+        if plan.adaptive:
+            return Tracks(study, plan, self.parts_of(plan))
+        return RightAnswers(study, plan, self.parts_of(plan), self.share_of(plan))
+
+
+class DetectionRates(RatesTask):
+    """Sensitivity and criterion by condition: task `yes-no`."""
+
+    kind: ClassVar[str] = "detection"
+    options: ClassVar[type[Analysis]] = DetectionTableSettings
+    task: ClassVar[str] = "yes-no answers"
+    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(YesNoPart(), TypicalPart())
+    two: ClassVar[bool] = True
+
+    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
+        """Read trials; both answers must be there, because d' needs hits and false alarms."""
+        table = opened(table, mapping)
+        rows = super().read(table, {}, told)
+        if "answer" not in rows or (rows["answer"] == "").any():
+            raise StudyError(
+                f"{table.path}: must have the columns expected and answer: whether answers were"
+                " right does not tell hits from correct rejections; say which columns hold them:"
+                f" {table.cure('--map expected=COLUMN')} --map answer=COLUMN (one of both is enough"
+                " beside correct)"
+            )
+        return rows
+
+    def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
+        """Return the signal's answer and the other.
+
+        Raises
+        ------
+        StudyError
+            If the table does not speak of two answers, one of them the signal's.
+        """
+        signal = told.signal
+        found = sorted({*decisions["expected"].map(str), *decisions["answer"].map(str)})
+        if signal not in found or len(found) > 2:
+            raise StudyError(
+                "--set signal: must be the answer that is right where the signal is, one of two"
+                f" that the columns expected and answer hold (got {signal!r}; they hold"
+                f" {', '.join(found)})"
+            )
+        others = [answer for answer in found if answer != signal]
+        return (signal, others[0] if others else f"not {signal}")
+
+
+def _identified(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
+    return identification(
+        rows,
+        plan.compared,
+        alternatives=plan.alternatives,
+        reference=baseline_in(rows, plan),
+        level=plan.confidence,
+    )
+
+
+class IdentificationRates(RatesTask):
+    """Shares of right answers and d' by condition: task `identification`."""
+
+    kind: ClassVar[str] = "identification"
+    options: ClassVar[type[Analysis]] = IdentificationTableSettings
+    task: ClassVar[str] = "identifications"
+    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(DiscriminationPart(_identified))
+
+    def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
+        """Return the answers, or numbers in their place where the table does not name all.
+
+        Raises
+        ------
+        StudyError
+            If nothing says how many there were, or the table holds more.
+        """
+        found: list[str] = []
+        if {"expected", "answer"} <= set(decisions.columns):
+            found = sorted({*decisions["expected"].map(str), *decisions["answer"].map(str)} - {""})
+        count = told.alternatives or len(found)
+        if count < max(2, len(found)):
+            raise StudyError(
+                "--set alternatives: must say how many answers there were to choose from (got"
+                f" {told.alternatives or 'nothing'}; the columns expected and answer hold"
+                f" {len(found)}: {', '.join(found[:8]) or 'none'})"
+            )
+        return (*found, *(f"answer {number + 1}" for number in range(len(found), count)))
+
+    def share_of(self, settings: RatePlan) -> Callable[[Floats], Floats]:
+        """Return the chance of picking the right one of m by d'."""
+        return tabulated(settings.right_share)
+
+
+def _matched(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
+    return abx(
+        rows,
+        plan.compared,
+        rule=plan.rule,
+        reference=baseline_in(rows, plan),
+        level=plan.confidence,
+    )
+
+
+class AbxRates(RatesTask):
+    """Shares of right answers, d' and d' against the level: task `abx`."""
+
+    kind: ClassVar[str] = "abx"
+    options: ClassVar[type[Analysis]] = AbxTableSettings
+    task: ClassVar[str] = "ABX answers"
+    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(
+        DiscriminationPart(_matched, sides=True), levels=(CriticalPart(),)
+    )
+    named: ClassVar[tuple[str, str]] = ("a", "b")
+    """The task's answers."""
+
+    def table_answers(self, decisions: pd.DataFrame, _told: Any) -> tuple[str, ...]:
+        """Return the two answers: as the table names them, if it does."""
+        if "answer" in decisions:
+            found = tuple(sorted(set(decisions["answer"].map(str)) - {""}))
+            if len(found) == len(self.named):
+                return found
+        return self.named
+
+    def share_of(self, settings: RatePlan) -> Callable[[Floats], Floats]:
+        """Return the chance of a right answer by d', by the study's decision rule."""
+        return tabulated(settings.right_share)
+
+
+class WhichHalfRates(AbxRates):
+    """The same of halves that change: task `which-half`."""
+
+    kind: ClassVar[str] = "which-half"
+    options: ClassVar[type[Analysis]] = WhichHalfTableSettings
+    task: ClassVar[str] = "answers which half had changed"
+    named: ClassVar[tuple[str, str]] = ("left", "right")
+
+
+class TableOfLevels(RatesTask):
+    """Psychometric functions of each person and of all people."""
+
+    kind: ClassVar[str] = "psychometric"
+    task: ClassVar[str] = "answers"
+    options: ClassVar[type[Analysis]] = CurveTableSettings
+    parts: ClassVar[tuple[AnyPart, ...]] = (
+        CurvesPart(),
+        ThresholdsPart(),
+        GoodnessPart(),
+        OwnCurvesPart(),
+    )
+
+    def table_answers(self, _decisions: pd.DataFrame, _told: Any) -> tuple[str, ...]:
+        """Return names for right and wrong answers: their number is not asked for."""
+        return ("right", "wrong")
+
+    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatePlan:
+        """Return the plan that was told; without `by` all answers are of one condition."""
+        if not told.by:
+            decisions = decisions.drop(columns="method", errors="ignore")
+        answers = self.table_answers(decisions, told)
+        return common_settings_of_table(decisions, name, told, answers, CurvePlan)
+
+    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
+        """Read trials; refuse levels along which no psychometric function can run."""
+        table = opened(table, mapping)
+        if told.level is None:
+            raise StudyError(f"{table.path}: --set level must name the column of levels")
+        rows = super().read(table, {}, told)
+        levels = rows[told.level]
+        if (told.log or told.shape == "weibull") and bool((levels <= 0).any()):
+            raise StudyError(
+                f"{table.path}: {told.level} must be above 0 in every row to have a logarithm"
+                f" (least: {levels.min():g}); leave the others out with --where"
+                f" '{told.level}>0', or leave --log away"
+            )
+        if levels.nunique() < 2:
+            raise StudyError(f"{table.path}: {told.level} must hold two levels or more (found 1)")
+        if mistake := curve_mistake(rows, told.level, told.guess, falling=told.falling):
+            raise StudyError(f"{table.path}: {mistake}")
+        return rows
+
+    def table_notes(self, _decisions: pd.DataFrame, _settings: RatePlan) -> Sequence[str]:
+        """Return nothing: mistakes were refused."""
+        return ()

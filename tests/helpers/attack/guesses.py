@@ -21,8 +21,8 @@ import pandas as pd
 from attack.kills import CASES, write_study
 from scipy.stats import binom
 
-from analysis.export.choices import FORMATS, ExportOptions, Format
-from analysis.export.exported_people import people_of
+from analysis.export import FORMATS, ExportOptions, Format
+from analysis.export.export_content import people_of
 from analysis.export.write_export import export_study
 from analysis.journals import read_study
 from protocols.counterbalancing import rounds

@@ -13,11 +13,10 @@ from web_study import WEB_CASES
 from analysis.parts import Part, computed
 from analysis.parts.interaction import PreferenceInteraction
 from analysis.parts.shared import planned_family
-from analysis.planning import planning_notes
 from analysis.plans.rate_plan import RatePlan
 from analysis.showable import FamilyOfTests
 from analysis.simulations import Choices
-from analysis.tasks import ANALYSES, analysis_of
+from analysis.tasks import ANALYSES, analysis_of, planning_notes
 from protocols.load import load_protocol
 from study_app.cli import app
 

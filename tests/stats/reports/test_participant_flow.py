@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from undrawn_reports import undrawn
 
-from analysis.report.participants_section import participant_blocks
+from analysis.report.content import participant_blocks
 from analysis.report.write_report import report_sessions
 from analysis.tidy import TidyTables, read_sessions
 from protocols.journal import (

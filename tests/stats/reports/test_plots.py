@@ -56,11 +56,10 @@ from analysis.plots import (
     save_figure,
     scaling_plot,
 )
-from analysis.plots.caterpillar import caterpillar_plot
-from analysis.plots.interaction_plot import interaction_plot
 from analysis.plots.preference_plots import _odds_ticks
-from analysis.plots.rating_plots import ratings_plot
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
+from analysis.plots.tasks import interaction_plot, ratings_plot
+from analysis.plots.trial_plots import caterpillar_plot
 from analysis.power import power
 from analysis.tasks import analysis_of
 

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 from undrawn_reports import undrawn
 
-from analysis.recording_notes import recording_notes
+from analysis.report.report_source import recording_notes
 from study_app.cli import app
 
 

@@ -15,8 +15,7 @@ from analysis.plans.table_settings import DetectionTableSettings, Identification
 from analysis.report.exclusion_comparison import ExclusionComparison, beside, beside_blocks
 from analysis.report.report_source import from_sessions
 from analysis.report.write_report import report_sessions
-from analysis.tasks.detection import DetectionRates
-from analysis.tasks.identification import IdentificationRates
+from analysis.tasks.rates import DetectionRates, IdentificationRates
 
 
 def slow_out(protocol, limit_s):

@@ -13,7 +13,7 @@ import pytest
 from analysis.parts import computed, estimates_of
 from analysis.plans.preference_plan import from_protocol
 from analysis.plans.table_settings import PreferenceTableSettings
-from analysis.plots.scales import jod_plot
+from analysis.plots.preference_plots import jod_plot
 from analysis.report.values import as_json
 from analysis.tasks import analysis_of
 from analysis.tasks.preference import PreferenceOfPairs

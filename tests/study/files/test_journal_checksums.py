@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from analysis.export.choices import ExportOptions
+from analysis.export import ExportOptions
 from analysis.export.write_export import export_study
 from analysis.tidy import read_sessions
 from protocols.disk.hashing import canonical_json, sha256_bytes

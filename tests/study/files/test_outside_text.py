@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from analysis.tables.table import Table as AnyTable
-from analysis.tables.write_table import write_table
+from analysis.tables.table_files import write_table
 from protocols.blocks import Section, TableBlock
 from protocols.outside import json_bytes, markdown, page_bytes, visible
 from protocols.study_file.preregister import to_markdown
