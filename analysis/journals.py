@@ -201,13 +201,9 @@ def _check_one_study(
     for reading in readings:
         hashes.setdefault(reading.start.protocol_sha256, []).append(reading.name)
     if len(hashes) > 1:
-        listed = "; ".join(
-            f"{digest[:12]}… in {names[0]}" + (f" and {len(names) - 1} more" * (len(names) > 1))
-            for digest, names in sorted(hashes.items())
-        )
         raise StudyError(
-            f"{folder}: all sessions must follow one protocol (found {len(hashes)}: {listed});"
-            " analyse each study separately"
+            f"{folder}: all sessions must follow one protocol (found {len(hashes)}:"
+            f" {_each(hashes)}); analyse each study separately"
         )
     (digest,) = hashes
     if digest != protocol.sha256:
@@ -260,11 +256,15 @@ def _note_manifests(readings: Sequence[JournalReading]) -> list[str]:
         made.setdefault(reading.start.manifest_sha256, []).append(reading.name)
     if len(made) < 2:
         return []
-    listed = "; ".join(
-        f"{digest[:12]}… in {names[0]}" + (f" and {len(names) - 1} more" * (len(names) > 1))
-        for digest, names in sorted(made.items())
-    )
     return [
-        f"sessions used stimuli of {len(made)} different manifests ({listed}): make sure that"
+        f"sessions used stimuli of {len(made)} different manifests ({_each(made)}): make sure that"
         " they may be taken together"
     ]
+
+
+def _each(hashes: Mapping[str, Sequence[str]]) -> str:
+    """Return hashes, and a session that has each."""
+    return "; ".join(
+        f"{digest[:12]}… in {names[0]}" + (f" and {len(names) - 1} more" * (len(names) > 1))
+        for digest, names in sorted(hashes.items())
+    )

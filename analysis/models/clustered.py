@@ -12,7 +12,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtr
 
 from analysis.arrays import Bools, Floats
 from analysis.models.numeric import two_sided_p, two_sided_quantile
@@ -477,19 +476,6 @@ def two_way_df(weights: Sequence[Floats], degrees: Sequence[Floats]) -> Floats:
             for square, df in zip(squares, degrees, strict=True)
         ]
         return np.asarray(sum(squares) / sum(spread))
-
-
-def equivalence_p(estimate: Floats, standard_error: Floats, df: Floats, margin: float) -> Floats:
-    """Return the TOST p-value: the larger one-sided p of -margin < estimate < margin.
-
-    Schuirmann 1987. Where the standard error is 0 the answer is 1: agreement of all
-    participants outside the margin is no equivalence, inside it no estimate of variance exists.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        below = (estimate + margin) / standard_error
-        above = (estimate - margin) / standard_error
-    p = np.maximum(stdtr(df, -below), stdtr(df, above))
-    return np.asarray(np.where(standard_error > 0, p, 1.0))
 
 
 def sign_flip_p(deviations: Floats, *, seed: int = 0) -> float:

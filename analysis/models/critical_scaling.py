@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -14,10 +13,8 @@ from analysis.models.cells import checked, conditions, grid
 from analysis.models.contrasts import Difference, paired, pairs_of
 from analysis.models.curves.response import RATE_PRIOR
 from analysis.models.ideal_observer import AbxRule, abx_share
-from analysis.models.numeric import chi_squared_quantile, numeric_hessian, two_sided_quantile
+from analysis.models.numeric import numeric_hessian, two_sided_quantile
 from protocols.prose import count_of
-
-Law = Literal["distance", "published"]
 
 STEP_SCALING, STEP_GAIN = 0.06, 0.2
 """Distances of the grid over participants' ln s_c and ln gain."""
@@ -64,12 +61,12 @@ class CriticalScaling:
     critical_limits, gain_limits : pair of float or None
         None where the likelihood does not bound them.
     critical_sd, gain_sd : float
-        Between participants, of natural logarithms; 0 in a fit of one person.
+        Between participants, of natural logarithms.
     lapse : float
     individual : mapping of participant to (critical, gain)
         Drawn towards the typical one as far as their answers leave open.
     alone : mapping of participant to critical
-        Fitted to their answers alone (`fit_person`); empty where it was not asked for.
+        Fitted to their answers alone (`fit_alone`); empty where it was not asked for.
     """
 
     condition: str
@@ -81,7 +78,7 @@ class CriticalScaling:
     gain_sd: float
     lapse: float
     rule: AbxRule
-    law: Law
+    law: str
     level: float
     log_likelihood: float
     trials: int
@@ -111,7 +108,7 @@ class CriticalScaling:
 
     def d_prime(self, scaling: Floats) -> Floats:
         """Return d' at scalings (any shape), of the typical participant."""
-        return scaling_d_prime(scaling, self.critical, self.gain, self.law)
+        return scaling_d_prime(scaling, self.critical, self.gain)
 
     def share(self, scaling: Floats) -> Floats:
         """Return the share of right answers at scalings (any shape), of the typical participant."""
@@ -127,39 +124,24 @@ class CriticalScaling:
         z_s, z_g = (ndtri((np.arange(n) + 0.5) / n) for n in (200, 20))
         critical = self.critical * np.exp(self.critical_sd * z_s)[:, None, None]
         gain = self.gain * np.exp(self.gain_sd * z_g)[None, :, None]
-        right = abx_share(scaling_d_prime(scaling, critical, gain, self.law), self.rule)
+        right = abx_share(scaling_d_prime(scaling, critical, gain), self.rule)
         return np.asarray((1.0 - self.lapse) * right.mean(axis=(0, 1)) + 0.5 * self.lapse)
 
 
-def scaling_d_prime(
-    scaling: Floats, critical: Floats | float, gain: Floats | float, law: Law = "distance"
-) -> Floats:
+def scaling_d_prime(scaling: Floats, critical: Floats | float, gain: Floats | float) -> Floats:
     """Return d' of two stimuli that pool with `scaling`.
 
-    ``distance``: d'^2 = gain^2 (1 - critical^2 / scaling^2) above the critical scaling, else 0:
-    the squared distance of the pooled responses grows as Freeman and Simoncelli 2011, equation
-    17, derive it. ``published``: d' = gain (1 - critical^2 / scaling^2), because their equation
-    18, and Wallis et al. 2019 and Broderick et al. 2023 after it, puts that squared distance in
-    the place of d'. Only ``published`` gives critical scalings to compare with theirs; they are
-    smaller.
+    d'^2 = gain^2 (1 - critical^2 / scaling^2) above the critical scaling, else 0: the squared
+    distance of the pooled responses grows as Freeman and Simoncelli 2011, equation 17, derive it.
+    Their equation 18, and Wallis et al. 2019 and Broderick et al. 2023 after it, puts that squared
+    distance in the place of d'; their critical scalings are smaller.
     """
-    if law not in get_args(Law):
-        raise ValueError(f"law must be one of {get_args(Law)} (got {law!r})")
     scaling = np.asarray(scaling, dtype=np.float64)
-    rise = np.maximum(1.0 - (critical / scaling) ** 2, 0.0)
-    return np.asarray(gain * (np.sqrt(rise) if law == "distance" else rise))
+    return np.asarray(gain * np.sqrt(np.maximum(1.0 - (critical / scaling) ** 2, 0.0)))
 
 
-def fit_person(
-    trials: pd.DataFrame,
-    *,
-    column: str = "scaling",
-    rule: AbxRule = "differencing",
-    law: Law = "distance",
-    level: float = 0.95,
-    limits: bool = True,
-) -> CriticalScaling:
-    """Fit one person's critical scaling, with profile-likelihood limits if wanted.
+def fit_alone(trials: pd.DataFrame, *, column: str, rule: AbxRule) -> tuple[float, float]:
+    """Return critical scaling and gain of one person, or of all answers as if they were one's.
 
     Notes
     -----
@@ -173,7 +155,7 @@ def fit_person(
     def loss(theta: Floats) -> float:
         rate = float(expit(theta[2]))
         value = _log_likelihood(
-            scalings, right, shown, np.array(theta[0]), np.array(theta[1]), rate, rule, law
+            scalings, right, shown, np.array(theta[0]), np.array(theta[1]), rate, rule
         )
         prior = -0.5 * ((theta[0] - middle) ** 2 + (theta[1] - np.log(5.0)) ** 2)
         return float(-value - prior / PERSON_PRIOR_SD**2 - _lapse_prior(theta[2:]))
@@ -184,26 +166,7 @@ def fit_person(
         for g in (1.0, 3.0, 8.0)
     ]
     best = _polish(loss, sorted(starts, key=loss)[:3])
-    ends = [_profile(loss, best, k, level) if limits else None for k in (0, 1)]
-    notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings, law)
-    return CriticalScaling(
-        condition="all",
-        critical=float(np.exp(best[0])),
-        critical_limits=ends[0],
-        gain=float(np.exp(best[1])),
-        gain_limits=ends[1],
-        critical_sd=0.0,
-        gain_sd=0.0,
-        lapse=float(expit(best[2])),
-        rule=rule,
-        law=law,
-        level=level,
-        log_likelihood=-loss(best),
-        trials=len(rows),
-        participants=int(rows["participant"].nunique()),
-        individual={},
-        warnings=tuple(notes),
-    )
+    return float(np.exp(best[0])), float(np.exp(best[1]))
 
 
 def critical_scaling(
@@ -211,7 +174,6 @@ def critical_scaling(
     *,
     column: str = "scaling",
     rule: AbxRule = "differencing",
-    law: Law = "distance",
     level: float = 0.95,
 ) -> CriticalScaling:
     """Fit critical scaling and gain that vary between participants.
@@ -248,7 +210,7 @@ def critical_scaling(
 
     table = _cached(
         lambda rate: _log_likelihood(
-            scalings, right, shown, log_s[:, None], log_g[None, :], rate, rule, law
+            scalings, right, shown, log_s[:, None], log_g[None, :], rate, rule
         )
     )
 
@@ -264,8 +226,8 @@ def critical_scaling(
         prior = float(np.sum(np.log(sd) - 0.5 * (sd / SD_PRIOR) ** 2))
         return -likelihood - prior - _lapse_prior(theta[4:])
 
-    alone = fit_person(rows, column=column, rule=rule, law=law, limits=False)
-    start = np.array([np.log(alone.critical), np.log(alone.gain), 0.25, 0.25, -3.0])
+    alone, gain = fit_alone(rows, column=column, rule=rule)
+    start = np.array([np.log(alone), np.log(gain), 0.25, 0.25, -3.0])
     best = np.asarray(scipy.optimize.minimize(loss, start, method="BFGS", options={"gtol": 1e-4}).x)
     hessian = numeric_hessian(loss, best, step=1e-3)
     proper = bool(np.all(np.isfinite(hessian))) and bool(np.linalg.eigvalsh(hessian)[0] > 1e-6)
@@ -283,7 +245,7 @@ def critical_scaling(
     mass = np.exp(values - values.max(axis=(1, 2), keepdims=True))
     mass /= mass.sum(axis=(1, 2), keepdims=True)
     own_s, own_g = mass.sum(axis=2) @ log_s, mass.sum(axis=1) @ log_g
-    notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings, law)
+    notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings)
     if people < FEW_PARTICIPANTS:
         notes.append(f"only {count_of(people, 'participant')}: limits are a rough guide")
     if not proper:
@@ -298,7 +260,7 @@ def critical_scaling(
         gain_sd=float(abs(best[3])),
         lapse=float(expit(best[4])),
         rule=rule,
-        law=law,
+        law="distance",
         level=level,
         log_likelihood=-loss(best),
         trials=len(rows),
@@ -317,23 +279,22 @@ def critical_scalings(
     *,
     column: str = "scaling",
     rule: AbxRule = "differencing",
-    law: Law = "distance",
     level: float = 0.95,
 ) -> tuple[tuple[CriticalScaling, ...], tuple[Difference, ...]]:
     """Fit every condition, and compare ln s_c between conditions by participants.
 
     Notes
     -----
-    The comparison is a paired t over participants of their own ln s_c (`fit_person`), which
+    The comparison is a paired t over participants of their own ln s_c (`fit_alone`), which
     takes nothing for granted about how they vary. Conditions whose critical scaling the answers
     do not bound are not compared.
     """
     rows = checked(trials, (column, "correct"), by)
     fits, own = [], {}
     for name, part in conditions(rows, by):
-        fit = critical_scaling(part, column=column, rule=rule, law=law, level=level)
+        fit = critical_scaling(part, column=column, rule=rule, level=level)
         own[name] = {
-            str(who): _own(group, column, rule, law)
+            str(who): float(np.log(fit_alone(group, column=column, rule=rule)[0]))
             for who, group in part.groupby("participant", sort=True)
         }
         alone = {who: float(np.exp(value)) for who, value in own[name].items()}
@@ -355,11 +316,6 @@ def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Diffe
 def _bounded(limits: tuple[float, float] | None) -> bool:
     """Return True if limits of a positive quantity say anything."""
     return limits is not None and limits[0] > 0 and limits[1] < UNBOUNDED * limits[0]
-
-
-def _own(rows: pd.DataFrame, column: str, rule: AbxRule, law: Law) -> float:
-    """Return ln s_c of one person."""
-    return float(np.log(fit_person(rows, column=column, rule=rule, law=law, limits=False).critical))
 
 
 def _prepare(trials: pd.DataFrame, column: str) -> tuple[pd.DataFrame, Floats]:
@@ -389,11 +345,10 @@ def _log_likelihood(
     log_g: Floats,
     lapse: float,
     rule: AbxRule,
-    law: Law,
 ) -> Floats:
     """Return log-likelihoods (..., nodes of log_s and log_g) of counts (..., scalings)."""
     d = scaling_d_prime(
-        scalings, np.exp(log_s)[..., None], np.exp(np.minimum(log_g, 4.0))[..., None], law
+        scalings, np.exp(log_s)[..., None], np.exp(np.minimum(log_g, 4.0))[..., None]
     )
     share = (1.0 - lapse) * abx_share(d, rule) + 0.5 * lapse
     share = np.minimum(np.maximum(share, 1e-12), 1.0 - 1e-12)  # `np.clip` takes twice as long
@@ -440,41 +395,10 @@ def _polish(loss: Callable[[Floats], float], starts: Sequence[Floats]) -> Floats
     return np.asarray(sharp.x, dtype=np.float64)
 
 
-def _profile(
-    loss: Callable[[Floats], float], best: Floats, index: int, level: float
-) -> tuple[float, float] | None:
-    """Return exp of the ends of the profile-likelihood interval of one parameter."""
-    drop = 0.5 * chi_squared_quantile(level)
-    bottom = loss(best)
-
-    def excess(value: float) -> float:
-        inner = np.delete(best, index)
-
-        def held(rest: Floats) -> float:
-            return loss(np.insert(rest, index, value))
-
-        found = scipy.optimize.minimize(
-            held, inner, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-6}
-        )
-        return float(found.fun) - bottom - drop
-
-    ends = []
-    for direction in (-1.0, 1.0):
-        inner, reach = float(best[index]), 0.05
-        while excess(best[index] + direction * reach) < 0:
-            inner = float(best[index] + direction * reach)
-            reach *= 1.8
-            if reach > 10.0:
-                return None
-        outer = float(best[index] + direction * reach)
-        ends.append(float(np.exp(scipy.optimize.brentq(excess, inner, outer, xtol=1e-4))))
-    return min(ends), max(ends)
-
-
-def _notes(critical: float, gain: float, scalings: Floats, law: Law) -> list[str]:
+def _notes(critical: float, gain: float, scalings: Floats) -> list[str]:
     notes = []
     if critical < scalings.min():
         notes.append("the critical scaling lies below all scalings shown: it is extrapolated")
-    if float(scaling_d_prime(scalings.max(), critical, gain, law)) < HARDLY_SEEN:
+    if float(scaling_d_prime(scalings.max(), critical, gain)) < HARDLY_SEEN:
         notes.append(HARDLY_SEEN_NOTE)
     return notes

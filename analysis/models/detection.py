@@ -24,9 +24,9 @@ from analysis.models.right_answers import (
     Influence,
     Rate,
     contrasts,
+    event_influence,
     rate,
     rate_contrasts,
-    share_influence,
 )
 
 
@@ -186,7 +186,8 @@ def yes_no(
         table = _table(part, places, signal)
         one, moved = _yes_no(name, part, places, table, shown, correction, level)
         found.append(one)
-        b_moved[name] = _bias_influence(part, places, shown)
+        said = (part["answer"].astype(str) == shown).astype(float)
+        b_moved[name] = event_influence(said, places)
         if moved is not None:
             d_moved[name], c_moved[name] = moved
     between = partial(contrasts, level=level)
@@ -362,11 +363,6 @@ def _z_influence(
             (share > 0) & (share < 1), share * (1 - share) * total / slope**2, np.inf
         )
         return z, centred / slope[..., None, None], variance
-
-
-def _bias_influence(part: pd.DataFrame, places: TrialGrid, answer: str) -> Influence:
-    said = (part["answer"].astype(str) == answer).astype(float)
-    return share_influence(places.count(said), places.count(said * 0 + 1))
 
 
 def _discriminate(

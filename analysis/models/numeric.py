@@ -23,9 +23,9 @@ def two_sided_p(ratio: ArrayLike, df: ArrayLike = np.inf) -> Floats:
     return np.asarray(2.0 * stdtr(df, -np.abs(ratio)))
 
 
-def chi_squared_quantile(level: float, df: float = 1.0) -> float:
-    """Return the value below which so large a share of chi-squared lies."""
-    return float(2.0 * gammaincinv(0.5 * df, level))
+def chi_squared_quantile(level: float) -> float:
+    """Return the value below which so large a share of chi-squared, df 1, lies."""
+    return float(2.0 * gammaincinv(0.5, level))
 
 
 def chi_squared_p(statistic: ArrayLike, df: float = 1.0) -> Floats:

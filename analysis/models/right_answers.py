@@ -139,10 +139,7 @@ def rate_contrasts(
     """
     rows = checked(trials, ("correct",), by)
     places = grid(rows)
-    moved = {}
-    for name, part in conditions(rows, by):
-        happened, shown = places.count(part["correct"]), places.count(part["correct"] * 0 + 1)
-        moved[name] = share_influence(happened, shown)
+    moved = {name: event_influence(part["correct"], places) for name, part in conditions(rows, by)}
     return contrasts("share correct", moved, reference=reference, level=level)
 
 
@@ -189,6 +186,11 @@ def share_influence(happened: Floats, shown: Floats) -> Influence:
     share, mild = count / total, (count + 0.5) / (total + 1.0)
     cells = (happened - shown * share[..., None, None]) / total[..., None, None]
     return Influence(share, cells, shown, mild * (1.0 - mild) / total, most=1.0)
+
+
+def event_influence(event: pd.Series, places: TrialGrid) -> Influence:
+    """Return the influence of cells on the share of trials in which something happened."""
+    return share_influence(places.count(event), places.count(event * 0 + 1))
 
 
 def contrasts(

@@ -11,7 +11,7 @@ from analysis.models.bootstrap import difference_limits, drawn_scores, draws
 from analysis.models.cells import TrialGrid
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
-from analysis.models.right_answers import Influence, contrasts, share_influence
+from analysis.models.right_answers import contrasts, event_influence
 from analysis.models.scaling import scale
 
 LEAST_DRAWS = 20
@@ -33,14 +33,9 @@ def share_interactions(
     """
     moved = {}
     for value, several in happened.items():
-        each = [influence(event, places) for event in several.values()]
+        each = [event_influence(event, places) for event in several.values()]
         moved[value] = each[0] if len(each) == 1 else each[0].minus(each[1])
     return contrasts(measure, moved, level=level)
-
-
-def influence(event: pd.Series, places: TrialGrid) -> Influence:
-    """Return the influence of cells on the share of trials in which something happened."""
-    return share_influence(places.count(event), places.count(event * 0 + 1))
 
 
 def jod_interactions(

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from analysis.models.critical_scaling import Law, scaling_d_prime
+from analysis.models.critical_scaling import scaling_d_prime
 from analysis.models.ideal_observer import AbxRule, abx_share
 from analysis.models.psychometric import Shape, sigmoid
 
@@ -177,7 +177,6 @@ def simulate_abx(
     interaction_sd: float = 0.1,
     lapse: float = 0.02,
     rule: AbxRule = "differencing",
-    law: Law = "distance",
 ) -> pd.DataFrame:
     """Return an ABX study by ``scaling``; deviations are of natural logarithms."""
     blocks = []
@@ -186,7 +185,7 @@ def simulate_abx(
     for method, typical in critical.items():
         own = shared + interaction_sd * rng.standard_normal(people)
         for scaling in scalings:
-            d = scaling_d_prime(np.array(scaling), typical * np.exp(own), gain * np.exp(gains), law)
+            d = scaling_d_prime(np.array(scaling), typical * np.exp(own), gain * np.exp(gains))
             share = (1.0 - lapse) * abx_share(d, rule) + 0.5 * lapse
             chance = np.broadcast_to(share, (design.participants, design.scenes))
             right = rng.random((*chance.shape, design.repeats)) < chance[..., None]

@@ -1,4 +1,4 @@
-"""Critical scaling of ABX: the two laws, recovery, coverage, comparisons, refusals."""
+"""Critical scaling of ABX: the law, recovery, coverage, comparisons, refusals."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from made_up_trials import TaskDesign, simulate_abx
 from analysis.models.critical_scaling import (
     critical_scaling,
     critical_scalings,
-    fit_person,
+    fit_alone,
     scaling_d_prime,
 )
 from analysis.report.values import as_json
@@ -27,37 +27,29 @@ def study(rng, critical=0.2, *, people=10, repeats=18, **more):
     )
 
 
-def test_both_laws_by_hand():
-    """Twice the critical scaling: d'^2 = 16 (1 - 1/4), or d' = 4 (1 - 1/4); 0 up to it."""
+def test_the_law_by_hand():
+    """Twice the critical scaling: d'^2 = 16 (1 - 1/4); 0 up to it."""
     scaling = np.array([0.1, 0.2, 0.4])
 
     np.testing.assert_allclose(scaling_d_prime(scaling, 0.2, 4.0), [0, 0, 4 * np.sqrt(0.75)])
-    np.testing.assert_allclose(scaling_d_prime(scaling, 0.2, 4.0, "published"), [0, 0, 3])
-    with pytest.raises(ValueError, match="distance"):
-        scaling_d_prime(scaling, 0.2, 4.0, "squared")
 
 
-@pytest.mark.parametrize("law", ["distance", "published"])
 @pytest.mark.parametrize("rule", ["differencing", "independent"])
-def test_one_persons_critical_scaling_is_recovered(rng, rule, law):
-    rows = study(rng, people=1, repeats=400, critical_sd=0.0, gain_sd=0.0, rule=rule, law=law)
-    fit = fit_person(rows, rule=rule, law=law)
+def test_one_persons_critical_scaling_is_recovered(rng, rule):
+    rows = study(rng, people=1, repeats=400, critical_sd=0.0, gain_sd=0.0, rule=rule)
+    critical, gain = fit_alone(rows, column="scaling", rule=rule)
 
-    assert fit.critical == pytest.approx(0.2, rel=0.12)
-    assert fit.gain == pytest.approx(4.0, rel=0.2)
-    assert fit.critical_limits[0] < fit.critical < fit.critical_limits[1]
-    assert fit.critical_limits[1] / fit.critical_limits[0] < 1.5
-    assert fit.participants == 1
+    assert critical == pytest.approx(0.2, rel=0.12)
+    assert gain == pytest.approx(4.0, rel=0.2)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("law", ["distance", "published"])
-def test_limits_of_the_typical_critical_scaling_cover(rng, proof_count, law):
+def test_limits_of_the_typical_critical_scaling_cover(rng, proof_count):
     """10 people x 8 scalings x 18: coverage .93 or more; bias below a tenth of the spread."""
     studies = proof_count(100)
     covered, errors = [], []
     for _ in range(studies):
-        fit = critical_scaling(study(rng, law=law), law=law)
+        fit = critical_scaling(study(rng))
         assert fit.critical_limits is not None
         covered.append(fit.critical_limits[0] <= 0.2 <= fit.critical_limits[1])
         errors.append(np.log(fit.critical / 0.2))
@@ -71,7 +63,8 @@ def test_participants_have_their_own_critical_scaling(rng):
     rows = study(rng, repeats=60, critical_sd=0.5, gain_sd=0.0)
     fit = critical_scaling(rows)
     own = {
-        who: fit_person(part, limits=False).critical for who, part in rows.groupby("participant")
+        who: fit_alone(part, column="scaling", rule="differencing")[0]
+        for who, part in rows.groupby("participant")
     }
 
     assert fit.critical_sd == pytest.approx(0.5, abs=0.3)

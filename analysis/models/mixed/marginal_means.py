@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.arrays import Floats
-from analysis.models.clustered import holm
+from analysis.models.contrasts import with_holm
 from analysis.models.numeric import two_sided_p, two_sided_quantile
 
 Asked = Mapping[str, Mapping[str, float]]
@@ -97,11 +97,8 @@ def margins(
             # Thirds that were written in three digits sum to 0, too.
             own[own != 0.0] -= own.sum() / np.count_nonzero(own)
             found.append(margin(name, own))
-    known = [not math.isnan(one.p) for one in found]
-    adjusted = np.full(len(found), math.nan)
-    if any(known):
-        adjusted[known] = holm(np.array([one.p for one in found])[known])
+    adjusted = [p for _, p in with_holm([one.p for one in found])]
     return Margins(
         tuple(replace(one, p=math.nan) for one in means),
-        tuple(replace(one, p_adjusted=float(p)) for one, p in zip(found, adjusted, strict=True)),
+        tuple(replace(one, p_adjusted=p) for one, p in zip(found, adjusted, strict=True)),
     )

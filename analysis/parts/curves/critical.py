@@ -175,22 +175,17 @@ def apa_critical(fit: CriticalScaling) -> str:
             return f"{name} {NOT_IDENTIFIED}"
         return f"{name} = {size(value, within=ends)}, {level_text(fit.level)} {size_range(ends)}"
 
-    who = "one participant" if fit.participants == 1 else count_of(fit.participants, "participant")
-    laws = {
-        "distance": "d'² = gain² (1 - s_c²/s²)",
-        "published": "d' = gain (1 - s_c²/s²), as Freeman and Simoncelli fitted it",
-    }
-    text = (
-        f"Critical scaling of condition {fit.condition} ({who}, ABX by the {fit.rule} rule,"
-        f" {laws[fit.law]}):"
+    spreads = (
+        ("ln s_c", fit.critical_sd, fit.critical_identified),
+        ("ln gain", fit.gain_sd, fit.gain_identified),
+    )
+    said = [f"of {name} = {number(sd)}" for name, sd, known in spreads if known]
+    deviations = f"; SD {', '.join(said)}" if said else ""
+    return (
+        f"Critical scaling of condition {fit.condition}"
+        f" ({count_of(fit.participants, 'participant')}, ABX by the {fit.rule} rule,"
+        " d'² = gain² (1 - s_c²/s²)):"
         f" {quantity('s_c', fit.critical, fit.critical_limits, fit.critical_identified)};"
         f" {quantity('gain', fit.gain, fit.gain_limits, fit.gain_identified)}"
+        f"{deviations}; lapse rate {leading(f'{fit.lapse:.3f}')}."
     )
-    if fit.participants > 1:
-        spreads = (
-            ("ln s_c", fit.critical_sd, fit.critical_identified),
-            ("ln gain", fit.gain_sd, fit.gain_identified),
-        )
-        said = [f"of {name} = {number(sd)}" for name, sd, known in spreads if known]
-        text += f"; SD {', '.join(said)}" if said else ""
-    return f"{text}; lapse rate {leading(f'{fit.lapse:.3f}')}."

@@ -10,7 +10,6 @@ from scipy import stats
 from scipy.special import expit
 
 from analysis.models.clustered import (
-    equivalence_p,
     holm,
     participant_t,
     sign_flip_floor,
@@ -158,13 +157,6 @@ def test_many_people_are_flipped_at_random_but_reproducibly(rng):
 def test_holm_by_hand():
     np.testing.assert_allclose(holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02])
     np.testing.assert_allclose(holm(np.array([[0.9, 0.9], [0.01, 0.9]])), [[1, 1], [0.02, 0.9]])
-
-
-def test_equivalence_is_the_larger_one_sided_p():
-    p = equivalence_p(np.array(0.02), np.array(0.03), np.array(10.0), 0.1)
-
-    assert float(p) == pytest.approx(max(stats.t.sf(4.0, 10), stats.t.cdf(-0.08 / 0.03, 10)))
-    assert float(equivalence_p(np.array(0.5), np.array(0.0), np.array(10.0), 0.1)) == 1.0
 
 
 def test_participants_who_agree_exactly_give_no_t():

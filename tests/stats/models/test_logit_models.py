@@ -12,7 +12,6 @@ import pytest
 from scipy.special import expit, log_expit
 from scipy.stats import chi2
 
-from analysis.models.clustered import equivalence_p
 from analysis.models.curves.response import LOGIT, ResponseFunction
 from analysis.models.logistic import (
     glm_logit,
@@ -380,16 +379,6 @@ def test_people_who_differ_make_clustered_and_mixed_models_say_what_the_plain_on
     assert abs(beside.mixed["method[T.4]"].estimate) > abs(beside.clustered["method[T.4]"].estimate)
     with pytest.raises(ValueError, match="two values at least"):
         models_beside("correct ~ 1", rows.assign(participant=1))
-
-
-def test_equivalence_of_an_odds_ratio_is_the_tost_of_the_coefficient():
-    """[BB] Table 1, ours: .258 (.141) against odds ratios of 1.25 and 2, normal law."""
-    p = [
-        float(equivalence_p(np.array(0.258), np.array(0.141), np.array(np.inf), np.log(ratio)))
-        for ratio in (1.25, 2.0)
-    ]
-
-    assert p == pytest.approx([0.6, 0.001], abs=0.003)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from scipy.special import xlogy
 from yes_no_table import of_table
 
 from analysis.models.bootstrap import bootstrap_scores
-from analysis.models.clustered import equivalence_p, holm, participant_t, sign_flip_floor
+from analysis.models.clustered import holm, participant_t, sign_flip_floor
 from analysis.models.consistency import agreement, circular_triads, transitivity
 from analysis.models.ideal_observer import forced_choice_d_prime
 from analysis.models.logistic import glm_logit, glmm_logit
@@ -102,7 +102,7 @@ def test_figure_10_bradley_terry_and_firth(expected: Answers):
     assert sign_flip_floor(11) == answer["min_exact_participant_signflip_p_N11"]
 
 
-def test_table_1_standard_errors_and_equivalence(expected: Answers):
+def test_table_1_standard_errors(expected: Answers):
     table = expected["beyond_blur_table1"]
     eccentricity = np.repeat([5.0, 10.0, 15.0, 20.0, 25.0], 6)
     method = np.tile(np.arange(6), 5)
@@ -118,24 +118,9 @@ def test_table_1_standard_errors_and_equivalence(expected: Answers):
     t = beta[2:] / np.array(table["SE_printed"])
     np.testing.assert_allclose(t, table["T_recomputed"], atol=6e-3)
 
-    def tost(ratio: float, estimate: float, error: float) -> float:
-        return float(
-            equivalence_p(np.array(estimate), np.array(error), np.array(np.inf), np.log(ratio))
-        )
-
-    for ratio, printed, slack in ((1.25, 0.6, 0.01), (1.5, 0.15, 0.01), (2.0, 0.001, 5e-4)):
-        key = f"OR{ratio:g}"
-        assert table["TOST_ours"][key] == printed
-        assert tost(ratio, 0.258, 0.141) == pytest.approx(printed, abs=slack)
-    below = stats.norm.sf((0.258 + np.log(1.25)) / 0.141)  # the one side of TOST
-    assert below == pytest.approx(table["TOST_ours"]["noninferior_OR1.25"], abs=1e-5)
     # One printed T does not follow from its estimate and error; the others do.
     slips = np.abs(t - table["T_printed"]) > 0.04
     np.testing.assert_array_equal(slips, [False, False, True, False, False])
-    assert tost(1.25, 0.105, 0.138) == pytest.approx(table["TOST_blur35"]["OR1.25"], abs=0.01)
-    assert tost(1.5, 0.105, 0.138) == pytest.approx(table["TOST_blur35"]["OR1.5"], abs=1e-3)
-    limits = np.exp(0.258 + 0.141 * stats.norm.ppf([0.05, 0.95]))
-    np.testing.assert_allclose(limits, table["TOST_ours"]["CI90_OR"], atol=1e-3)
 
 
 def test_citations(expected: Answers, stats_data: Reader):

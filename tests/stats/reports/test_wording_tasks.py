@@ -14,7 +14,7 @@ from made_up_trials import (
     simulate_yes_no,
 )
 
-from analysis.models.critical_scaling import critical_scaling, fit_person
+from analysis.models.critical_scaling import critical_scaling
 from analysis.models.detection import abx, identification, yes_no
 from analysis.models.logistic import glm_logit
 from analysis.models.right_answers import correct_rates
@@ -125,9 +125,6 @@ def test_thresholds_and_critical_scalings_say_model_limits_and_spread():
 
     match = simulate_abx(TaskDesign(6, 1, 15), {"v1": 0.2}, rng, scalings=[0.06, 0.12, 0.25, 0.5])
     assert "SD of ln s_c" in apa_critical(critical_scaling(match))
-    one = fit_person(match[match["participant"] == "P001"], law="published")
-    assert "one participant" in apa_critical(one)
-    assert "Freeman and Simoncelli" in apa_critical(one)
 
 
 def test_models_and_trends_are_sentences(told):
