@@ -37,13 +37,13 @@ from study_app.desktop.display_check import (
 from study_app.desktop.strip import FlipMarks
 from study_app.desktop.window import Pacing, Window
 from study_app.gaze.gaze_check import Targets, TrackerCalibration
+from study_app.gaze.lsl import LslMarkers
 from study_app.gaze.open_source import check_choice, open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource, TrackerContext
 from study_app.gaze.validation import PointQuality, summarise, unfit_gaze, validate
 from study_app.live.in_trials import too_dear
 from study_app.live.renderer import Studio
-from study_app.markers import LslMarkers
 from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
 from study_app.presenter import Presenter, PresenterSettings

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import io
+import json
 import os
 import stat
 import sys
@@ -13,9 +14,11 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
-from typing import IO, Any, ClassVar
+from typing import IO, Annotated, Any, ClassVar, Literal
 
-from protocols.disk.hashing import sha256_file
+from pydantic import AfterValidator, Field
+
+from protocols.disk.hashing import Json, canonical_json, sha256_bytes, sha256_file
 from protocols.disk.read_file import read_bytes
 from protocols.errors import StudyError
 from protocols.journal_file import find_journals, read_journal
@@ -23,9 +26,67 @@ from protocols.limits import LIMITS_VARIABLE, check_within, limit
 from protocols.load import SECRET_SUFFIX, load_protocol
 from protocols.manifest import MANIFEST_NAME, read_manifest
 from protocols.outside import check_zip, reading
-from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, Index, plain
+from protocols.units import Model, Name, Sha256
 from study_app.session_folders import SessionFolder
 from study_app.verification import verify
+
+INDEX_NAME = "archive.json"
+"""Written last, at the root of the archive."""
+STUDY, SESSIONS, CLIPS = "study", "sessions", "clips"
+"""Folders of an archive."""
+
+
+def plain(name: str) -> str:
+    """Return the name of a file inside an archive.
+
+    Raises
+    ------
+    ValueError
+        If it leads out of the archive's own folder, or means something else on another system.
+    """
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts or str(path) != name:
+        raise ValueError("a file must lie inside the archive's own folder")
+    if any(c in name for c in "\0\\:") or any(not part.strip(". ") for part in path.parts):
+        raise ValueError("a name must be plain")
+    return name
+
+
+class ArchivedFile(Model):
+    """One file."""
+
+    path: Annotated[str, AfterValidator(plain)]
+    """From the root of the archive, with slashes."""
+    bytes: Annotated[int, Field(ge=0)]
+    sha256: Sha256
+
+
+class Index(Model):
+    """Everything that an archive holds, but this list."""
+
+    format: Literal[1]
+    study: Name
+    protocol: Annotated[str, AfterValidator(plain)]
+    """Path of the study's file in the archive."""
+    protocol_sha256: Sha256
+    revision: str
+    """Of the program that wrote the archive."""
+    secret: bool
+    """True if the study's secret is in it."""
+    clips: bool
+    """True if the frames are in it, and not their manifest alone."""
+    files: tuple[ArchivedFile, ...]
+
+    def to_bytes(self) -> bytes:
+        """Return the file `archive.json`."""
+        plain: Json = json.loads(canonical_json(self))
+        return json.dumps(plain, indent=1, sort_keys=True, ensure_ascii=False).encode() + b"\n"
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the file `archive.json`: noted elsewhere, it vouches for the whole archive."""
+        return sha256_bytes(self.to_bytes())
+
 
 if sys.platform == "win32":  # Python 3.11 has no path that is one of all systems
     from pathlib import WindowsPath as _SystemPath

@@ -20,8 +20,16 @@ from protocols.load import SECRET_SUFFIX, load_protocol, shipped
 from protocols.manifest import MANIFEST_NAME, check_manifest, read_manifest
 from protocols.revision import code_revision, package_version
 from protocols.study_file.schema import StudyProtocol
-from study_app.archive.index import CLIPS, INDEX_NAME, SESSIONS, STUDY, ArchivedFile, Index
-from study_app.archive.read_archive import ArchiveFindings, check
+from study_app.archive.read_archive import (
+    CLIPS,
+    INDEX_NAME,
+    SESSIONS,
+    STUDY,
+    ArchivedFile,
+    ArchiveFindings,
+    Index,
+    check,
+)
 from study_app.session_folders import find_sessions
 
 Progress = Callable[[str, int, int], None]

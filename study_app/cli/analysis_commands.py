@@ -15,7 +15,6 @@ from analysis import SEED
 from protocols.errors import StudyError
 from protocols.prose import count_of
 from protocols.tasks.task_kinds import TASKS
-from study_app.cli.assumed import assumed_values, pairs
 from study_app.cli.export_commands import register
 from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import (
@@ -24,6 +23,8 @@ from study_app.cli.options import (
     ReplaceOption,
     SessionsArgument,
     SessionsProtocolOption,
+    assumed_values,
+    pairs,
     recorded_protocol,
 )
 from study_app.cli.progress import one_line

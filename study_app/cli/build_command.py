@@ -14,7 +14,11 @@ from study_app.cli.progress import going_on, progress_line
 from study_app.cli.terminal import PlainConsole, say_notes, table_of
 
 if TYPE_CHECKING:
+    from protocols.display import Display
+    from protocols.manifest import Manifest
+    from protocols.study_file.schema import StudyProtocol
     from stimuli.recipes.base import Builder, BuildMachine
+
 
 GIB = 2**30
 
@@ -100,7 +104,6 @@ def build(
 
 def _builder(protocol: Path, display: str | None) -> Builder:
     from protocols.load import load_study
-    from study_app.cli.checked_study import require_buildable
 
     study, screen = load_study(protocol, display)
     builder, _ = require_buildable(protocol, study, screen)
@@ -152,3 +155,36 @@ def _duration(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def require_buildable(
+    path: Path,
+    study: StudyProtocol,
+    display: Display,
+    manifest: Manifest | None = None,
+) -> tuple[Builder, dict[str, str]]:
+    """Check the recipe's names, the display, and clips where they are given.
+
+    Returns
+    -------
+    Builder, dict
+        Of the study's stimuli; and why no font here writes a language, of each that none writes.
+
+    Raises
+    ------
+    StudyError
+        With a line for every mistake; `path` says where.
+    """
+    from protocols.study_file.plausible import display_notes
+    from stimuli.recipes import builder_of
+    from study_app.shown_texts import shortcomings
+
+    builder = builder_of(study, display, path.absolute().parent)
+    found = shortcomings(study, display, manifest)
+    unfit = found.problems
+    if unfit:  # measures in other units are a likely cause
+        unfit += display_notes(display)
+    problems = [*builder.problems(), *unfit]
+    if problems:
+        raise StudyError("\n".join(f"{path}: {problem}" for problem in problems))
+    return builder, found.unwritten

@@ -24,8 +24,8 @@ from protocols.load import SECRET_SUFFIX, load_display
 from protocols.study_file.new_study import FOLDERS, FOVEATED, PARTS, study_files
 from protocols.study_file.own_stimuli import OwnScene, OwnStimuli
 from protocols.units import NAME_IN_WORDS, NAME_LENGTH, NAME_PATTERN
-from study_app.cli.assumed import pairs as pairs_of
 from study_app.cli.options import one_of, unknown_numbers
+from study_app.cli.options import pairs as pairs_of
 from study_app.cli.progress import progress_line
 from study_app.cli.terminal import say, say_notes
 

@@ -35,7 +35,6 @@ from protocols.study_file.schema import StudyProtocol
 from study_app.cli.new_study_command import slug, study_name
 from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import DisplayOption, ProtocolArgument
-from study_app.cli.preview_command import preview
 from study_app.cli.terminal import PlainConsole, say, say_notes
 from study_app.cli.trial_tables import ScriptOptions, print_scripts, trial_table
 
@@ -91,7 +90,7 @@ def check(
     manifest = read_manifest(stimuli) if stimuli else None
     # Imported here: they bring the renderer and the statistics along.
     from analysis.tasks import planning_notes
-    from study_app.cli.checked_study import require_buildable
+    from study_app.cli.build_command import require_buildable
 
     builder, unwritten = require_buildable(protocol, study, screen, manifest)
     plan = _plan(study, screen, manifest)
@@ -222,7 +221,51 @@ def _write_new(out: Path, text: str, cure: str) -> None:
         raise StudyError(f"{out}: must be writable ({error.strerror})") from None
 
 
-app.command()(preview)
+@app.command()
+def preview(
+    protocol: ProtocolArgument,
+    out: Annotated[Path, typer.Option(help="Page to write, .html.")] = Path("preview.html"),
+    display: DisplayOption = None,
+    stimuli: Annotated[
+        Path | None,
+        typer.Option("--stimuli", help="Folder of built clips. Default: boxes stand for them."),
+    ] = None,
+    most: Annotated[int, typer.Option(min=1, help="Largest number of conditions to show.")] = 24,
+) -> None:
+    """Write a page that plays one trial of each condition, without display, gaze or participants.
+
+    It also has every page of text in every language, each trial's timeline to scale, and the gaze
+    window drawn in. One file that opens offline in any browser.
+
+    Examples:
+
+        metamerlab protocol preview demo --out demo.html
+
+        metamerlab protocol preview study.toml --stimuli clips --out preview.html
+    """
+    from study_app.preview import MARK, preview_page
+
+    if out.suffix != ".html":
+        raise StudyError(f"--out: must end in .html (got {out})")
+    if out.exists() and not (out.is_file() and MARK in out.read_text("utf-8", "replace")):
+        raise StudyError(
+            f"{out}: must be new, or an earlier preview (it is something else); choose another name"
+        )
+    study, screen = load_study(protocol, display)
+    manifest = None if stimuli is None else read_manifest(stimuli)
+    made = preview_page(study, screen, stimuli=stimuli, manifest=manifest, most=most)
+    # Imported here: `stimuli` brings image libraries along.
+    from protocols.disk.whole_file import write_whole
+
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(out, made.html.encode())
+    except OSError as error:
+        raise StudyError(f"{out}: must be writable ({error.strerror})") from None
+    say(f"{out}: {made.shown} of {made.conditions} conditions, {len(made.html) / 1e6:.1f} MB.")
+    say_notes(made.notes)
+    if made.shown < made.conditions:
+        say(f"note: --most {made.conditions} shows all")
 
 
 @app.command()

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from protocols.errors import StudyError
+from protocols.prose import count_of
 from study_app.cli.build_command import build
-from study_app.cli.holes_command import export_holes
 from study_app.cli.option_groups import CommandGroup
-from study_app.cli.options import one_of
+from study_app.cli.options import DisplayOption, ProtocolArgument, one_of
 from study_app.cli.progress import progress_line
 from study_app.cli.score_command import score
 from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import moderngl
 
     from stimuli.pages.scene_views import ScenePreview
+
 
 app = CommandGroup(
     help="""Build and check a study's clips.
@@ -258,7 +259,36 @@ def panorama(
 
 
 app.command()(score)
-app.command("export-holes")(export_holes)
+
+
+@app.command("export-holes")
+def export_holes(
+    protocol: ProtocolArgument,
+    out: Annotated[Path, typer.Option(help="A new or empty folder.")],
+    display: DisplayOption = None,
+) -> None:
+    """Write a study's warped frames with masks and depth, for another program to fill.
+
+    A README in the folder says what to send back. What comes back enters the study as the
+    method 'frames:FOLDER/{scene}/{size}', and frames of another scene are refused.
+
+    Example: metamerlab stimuli export-holes my-study.toml --out holes
+    """
+    from protocols.load import load_study
+    from stimuli.build_plan import BuildPlan
+    from stimuli.export_holes import export_holes as write
+    from stimuli.recipes.warped_checks import look_at_scenes
+
+    study, screen = load_study(protocol, display)
+    plan = BuildPlan(study, screen, protocol.absolute().parent)
+    found = look_at_scenes(plan)
+    if found.wrong:
+        raise StudyError("\n".join(f"{protocol}: {problem}" for problem in found.wrong))
+    say_notes(found.doubtful)
+    with progress_line("starting") as report:
+        frames = write(plan, out, report)
+    made = count_of(frames, "frame")
+    say(f"{out}: {made} with holes; {out / 'README.md'} says what to send back")
 
 
 def _frames(indices: list[int]) -> str:

@@ -22,8 +22,7 @@ from analysis.plans.table_settings import (
 from protocols.errors import StudyError
 from protocols.formats.key_docs import key_docs
 from protocols.tasks.base import Analysis
-from study_app.cli.assumed import pairs
-from study_app.cli.options import ReplaceOption
+from study_app.cli.options import ReplaceOption, pairs
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say, say_notes
 

@@ -1,7 +1,8 @@
-"""Names of keys, as protocols write them."""
+"""Names of keys and of a gamepad's buttons, as protocols write them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 _NAMED = {
@@ -47,3 +48,47 @@ def edited(text: str, typed: str) -> str:
         elif char.isprintable():
             text += char
     return text
+
+
+_BUTTONS = {
+    "A": "pad_a",
+    "B": "pad_b",
+    "X": "pad_x",
+    "Y": "pad_y",
+    "DPAD_LEFT": "pad_left",
+    "DPAD_RIGHT": "pad_right",
+    "DPAD_UP": "pad_up",
+    "DPAD_DOWN": "pad_down",
+    "START": "pad_start",
+    "BACK": "pad_back",
+    "LEFT_BUMPER": "pad_lb",
+    "RIGHT_BUMPER": "pad_rb",
+}
+
+
+class Gamepad:
+    """Turns buttons of the first gamepad that went down since the last poll into key names.
+
+    A machine without one loses nothing.
+    """
+
+    def __init__(self, glfw: Any) -> None:
+        self._glfw = glfw
+        self._buttons = [
+            (getattr(glfw, f"GAMEPAD_BUTTON_{constant}"), name)
+            for constant, name in _BUTTONS.items()
+        ]
+        self._down: frozenset[str] = frozenset()
+
+    def poll(self, press: Callable[[str], None]) -> None:
+        """Call `press` with the name of every button that went down."""
+        glfw = self._glfw
+        if not glfw.joystick_is_gamepad(glfw.JOYSTICK_1):
+            return
+        state = glfw.get_gamepad_state(glfw.JOYSTICK_1)
+        if state is None:
+            return
+        down = frozenset(name for index, name in self._buttons if state.buttons[index])
+        for name in sorted(down - self._down):
+            press(name)
+        self._down = down

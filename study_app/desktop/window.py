@@ -6,23 +6,29 @@ once per refresh.
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import math
 import os
+import socket
+import sys
+import tempfile
 import time
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from pathlib import Path
+from typing import IO, Any, Literal, NamedTuple
 
 import glfw
 import moderngl
 
 from pipeline.errors import GLUnavailableError
 from pipeline.gl.context import adopt_context
+from protocols.disk.locks import lock
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.study_file.session_schema import POINTER
 from study_app.desktop.desktop_watch import DesktopWatch, SleepWatch, unnoticed
-from study_app.desktop.gamepad import Gamepad
-from study_app.desktop.keys import key_name
+from study_app.desktop.keys import Gamepad, key_name
 from study_app.desktop.monitor import (
     check_mode,
     choose_monitor,
@@ -31,7 +37,6 @@ from study_app.desktop.monitor import (
     start_glfw,
     window_system,
 )
-from study_app.desktop.one_screen import claim_screen
 from study_app.desktop.vsync import Evidence, SyncValues
 from study_app.stage import KeyPress
 
@@ -371,3 +376,34 @@ class Window:
 def _last_error() -> str:
     _, description = glfw.get_error()
     return plain_text(description) or "no reason given"
+
+
+def claim_screen() -> socket.socket | IO[bytes]:
+    """Hold this desktop's screens until the claim is closed, or the program dies.
+
+    Raises
+    ------
+    StudyError
+        If another program of ours holds them.
+    """
+    screens = "|".join(os.environ.get(name, "") for name in ("WAYLAND_DISPLAY", "DISPLAY"))
+    key = hashlib.sha256(screens.encode("utf-8", "surrogateescape")).hexdigest()[:16]
+    name = f"metamerlab-screen-{key}"
+    if sys.platform == "linux":
+        held = socket.socket(socket.AF_UNIX)
+        try:
+            held.bind(f"\0{name}")  # abstract: a killed program leaves no file
+            return held
+        except OSError as error:
+            held.close()
+            if error.errno != errno.EADDRINUSE:
+                raise
+    else:  # a file of this user, which stays; a program that is killed lets go of it
+        file = (Path(tempfile.gettempdir()) / f"{name}.lock").open("ab")
+        if lock(file.fileno()) is not False:
+            return file
+        file.close()
+    raise StudyError(
+        "only one window of metamerlab may be open on a desktop (a session or a check of"
+        " the display is open there): its participant would lose the keyboard; end it first"
+    )

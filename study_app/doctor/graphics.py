@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping
 
 from study_app.desktop.desktop_watch import DO_NOT_DISTURB, unnoticed
-from study_app.doctor.findings import FOR_SESSIONS, FOR_STIMULI, Finding, Status
+from study_app.doctor import FOR_SESSIONS, FOR_STIMULI, Finding, Status
 from study_app.doctor.probes import Answer
 
 _CURE_GL = (

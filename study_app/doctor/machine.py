@@ -1,4 +1,4 @@
-"""Our packages, fonts and text, disk and memory."""
+"""Our packages, fonts and text, disk and memory; and every question of this machine."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ import re
 import statistics
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Set
 from pathlib import Path
 
 import psutil
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from study_app.doctor.findings import FOR_BOTH, FOR_SESSIONS, Finding, Status
+from study_app.doctor import EVERY_JOB, FOR_BOTH, FOR_SESSIONS, Finding, Job, Status
+from study_app.doctor.graphics import check_display, check_gl
+from study_app.doctor.probes import Answer, ask
 from study_app.text_image import UnwritableError, typeface_for
 
 DISK_FAIL_GB, DISK_WARN_GB = 1.0, 10.0
@@ -161,3 +163,29 @@ def check_memory(free_gb: float) -> Finding:
             cure = f"close other programs; {least:g} GB are needed for 3 s clips of 1080 x 1080 px"
             return Finding("memory", status, f"{free_gb:.1f} GB free", cure, FOR_BOTH)
     return Finding("memory", Status.PASS, f"{free_gb:.1f} GB free", "", FOR_BOTH)
+
+
+def examine(
+    folder: Path, *, jobs: Set[Job] = EVERY_JOB, probe: Callable[[str], Answer] = ask
+) -> list[Finding]:
+    """Ask every question of this machine that bears on `jobs`.
+
+    Parameters
+    ----------
+    folder : Path
+        Where recordings and stimuli will be written; its disk is tested with a
+        file of 32 MiB that is removed again.
+    jobs : set of Job
+        What the machine is for; no window is opened unless sessions are among it.
+    probe : callable
+        Answers ``"gl"`` and ``"display"``; the default asks the drivers.
+    """
+    findings = [
+        check_packages(requirements(), tested_versions()),
+        check_gl(probe("gl")),
+        *(check_display(probe("display"), os.environ) if Job.SESSIONS in jobs else ()),
+        *check_texts(),
+        *check_disk(folder),
+        check_memory(psutil.virtual_memory().available / 1e9),
+    ]
+    return [finding for finding in findings if finding.jobs & jobs]

@@ -1,12 +1,14 @@
-"""Gaze sources by specification.
+"""Gaze sources by specification; and two that need no tracker: the mouse, and a recording.
 
 To add a tracker, write its adapter (`study_app.gaze.source.GazeSource`) and one entry here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from protocols.errors import StudyError, did_you_mean
 from protocols.gone import gone
@@ -14,10 +16,14 @@ from protocols.plugins import misfit, registered, taking
 from protocols.study_file.session_schema import Gaze
 from study_app.gaze.eyelink import EyelinkGaze
 from study_app.gaze.lsl import LslGaze, LslSpec
-from study_app.gaze.mouse import MouseGaze
 from study_app.gaze.recording import Eye, Recording, load_recording
-from study_app.gaze.replay import ReplaySource
-from study_app.gaze.source import GazeSource, TrackerContext
+from study_app.gaze.source import (
+    CalibrationResult,
+    GazeSample,
+    GazeSource,
+    SourceInfo,
+    TrackerContext,
+)
 from study_app.gaze.trusted import TrustedGaze
 
 _METHODS = ("open", "info", "poll", "mark", "calibrate", "close")
@@ -121,3 +127,105 @@ def open_gaze(specification: str, desk: TrackerContext) -> TrustedGaze:
     source = TrustedGaze(opened, desk.clock)
     source.open()
     return source
+
+
+class MouseGaze:
+    """One sample per poll, that is per refresh.
+
+    Parameters
+    ----------
+    cursor_px : callable
+        Returns the cursor, from the upper left corner of the screen.
+    clock : callable
+        The session's clock.
+    rate_hz : float
+        How often it is polled.
+    """
+
+    def __init__(
+        self,
+        cursor_px: Callable[[], tuple[float, float]],
+        clock: Callable[[], float],
+        rate_hz: float,
+    ) -> None:
+        self._cursor_px, self._clock, self._rate_hz = cursor_px, clock, rate_hz
+
+    def open(self) -> None:
+        """Nothing to connect to."""
+
+    def info(self) -> SourceInfo:
+        """Say that it is no eye."""
+        return SourceInfo("mouse", "cursor in place of an eye", self._rate_hz, polled=True)
+
+    def poll(self) -> Sequence[GazeSample]:
+        """Return the place of the cursor now."""
+        now_s = self._clock()
+        return [GazeSample(now_s, now_s, *self._cursor_px())]
+
+    def mark(self, text: str) -> None:
+        """Markers have nowhere to go."""
+
+    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
+        """A mouse needs none."""
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+SAME_TIME_S = 1e-6
+"""A sample whose time comes within this has come: sums of refreshes are no exact numbers."""
+
+
+class ReplaySource:
+    """Emits a recording's samples as their time comes, once.
+
+    Parameters
+    ----------
+    recording : Recording
+        From `load_recording`.
+    clock : callable
+        The session's monotonic clock, in seconds.
+    """
+
+    def __init__(self, recording: Recording, clock: Callable[[], float]) -> None:
+        self._recording = recording
+        self._clock = clock
+        self._start_s = clock()
+        self._next = 0
+        self.marks: list[tuple[float, str]] = []
+
+    def open(self) -> None:
+        """Start the recording now."""
+        self._start_s, self._next = self._clock(), 0
+
+    def info(self) -> SourceInfo:
+        """Name the file."""
+        tape = self._recording
+        return SourceInfo("replay", tape.path.name, tape.rate_hz, notes=tape.notes)
+
+    def poll(self) -> Sequence[GazeSample]:
+        """Return the samples whose time has come."""
+        tape = self._recording
+        since_s = self._clock() - self._start_s + SAME_TIME_S
+        until = int(np.searchsorted(tape.t_s, since_s, side="right"))
+        start, self._next = self._next, max(until, self._next)
+        return [
+            GazeSample(
+                self._start_s + float(tape.t_s[i]),
+                float(tape.raw_t[i]),
+                float(tape.x_px[i]),
+                float(tape.y_px[i]),
+            )
+            for i in range(start, self._next)
+        ]
+
+    def mark(self, text: str) -> None:
+        """Keep the marker."""
+        self.marks.append((self._clock(), text))
+
+    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> None:
+        """A recording cannot be calibrated."""
+        del points_px
+
+    def close(self) -> None:
+        """Nothing to close."""

@@ -13,8 +13,7 @@ import moderngl
 
 from protocols.latency import LatencySummary
 from study_app.gaze.source import GazeSample
-from study_app.live.latency_histogram import Latency
-from study_app.live.loop import LiveLoop, Screen
+from study_app.live.loop import Latency, LiveLoop, Screen
 from study_app.live.renderer import Follower, GazeState, LiveView, Place
 
 GAZE_HZ = 1000.0

@@ -27,10 +27,9 @@ from protocols.load import load_display
 from stimuli.foveated.any_picture import PictureReading
 from stimuli.foveated.clip_to_files import ClipSettings, foveate_clip
 from study_app.cli import app
-from study_app.cli.pictures.gaze_of_frames import track_of
+from study_app.cli.pictures.foveate import track_of
 from study_app.cli.pictures.live_renderer import FoveatingRenderer, read_source
-from study_app.gaze.open_source import recorded
-from study_app.gaze.replay import ReplaySource
+from study_app.gaze.open_source import ReplaySource, recorded
 from study_app.gaze.saccades import SUPPRESSED_AFTER_S, SaccadeWatch
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze

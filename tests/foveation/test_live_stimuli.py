@@ -38,11 +38,10 @@ from stimuli.foveated.gaze_and_display import StatedViewing
 from stimuli.recipes.build_foveated_images import FoveatedBuilder
 from study_app.attempt import GazeWatcher
 from study_app.cli import app
-from study_app.cli.pictures.gaze_of_frames import track_of
+from study_app.cli.pictures.foveate import track_of
 from study_app.cli.pictures.live_renderer import FoveatingStudio
 from study_app.conduct import RunSettings, conduct
-from study_app.gaze.open_source import recorded
-from study_app.gaze.replay import ReplaySource
+from study_app.gaze.open_source import ReplaySource, recorded
 from study_app.gaze.saccades import SUPPRESSED_AFTER_S, SaccadeWatch
 from study_app.gaze.simulated import STEADY, GazeEvent, SimulatedGaze
 from study_app.gaze.source import GazeSample

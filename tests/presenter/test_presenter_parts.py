@@ -378,7 +378,7 @@ def test_keys_are_named_as_protocols_name_them():
 def test_a_gamepad_button_presses_once_until_it_is_released():
     import glfw
 
-    from study_app.desktop.gamepad import Gamepad
+    from study_app.desktop.keys import Gamepad
 
     buttons = [0] * 15
     fake = SimpleNamespace(

@@ -13,19 +13,18 @@ import pytest
 from packaging.requirements import Requirement
 
 from study_app.desktop.x11 import XServer
-from study_app.doctor import Job, Status, examine, worst
-from study_app.doctor.findings import Finding
+from study_app.doctor import Finding, Job, Status, worst
 from study_app.doctor.graphics import check_display, check_gl
 from study_app.doctor.machine import (
     check_disk,
     check_memory,
     check_packages,
     check_texts,
+    examine,
     judge_space,
 )
 from study_app.doctor.probes import PROBES, ask, disturbers
-from study_app.fonts import find_fonts, missing_characters
-from study_app.text_image import _font_for
+from study_app.text_image import _font_for, find_fonts, missing_characters
 
 GPU = {"renderer": "NVIDIA RTX 4000", "version": "4.6", "software": False}
 

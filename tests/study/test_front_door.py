@@ -16,8 +16,7 @@ from typer.testing import CliRunner
 
 from pipeline.errors import GLUnavailableError, InputError
 from protocols.errors import StudyError
-from study_app.cli import SLOTS, app, main, user_errors
-from study_app.cli.lazy import CommandSlot, LazyGroup
+from study_app.cli import SLOTS, CommandSlot, LazyGroup, app, main, user_errors
 
 HEAVY = ("numpy", "pandas", "scipy", "moderngl", "glfw", "pydantic", "matplotlib", "PIL", "cv2")
 

@@ -25,7 +25,7 @@ from study_app.conduct import LATE_MOST, conduct
 from study_app.desktop.display_check import check_display, shortfall
 from study_app.desktop.window import FlipStamp
 from study_app.gaze.fixation import FixationMonitor
-from study_app.gaze.mouse import MouseGaze
+from study_app.gaze.open_source import MouseGaze
 from study_app.gaze.source import GazeSample, SourceInfo
 from study_app.gaze.trusted import TrustedGaze
 from study_app.observers import ArtificialObserver, PreferenceModel

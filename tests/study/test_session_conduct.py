@@ -39,8 +39,8 @@ from protocols.viewing import Viewing
 from study_app.attempt import AttemptLog, GazeWatcher, run_attempt
 from study_app.conduct import conduct
 from study_app.gaze.fixation import FixationMonitor
+from study_app.gaze.open_source import ReplaySource
 from study_app.gaze.recording import load_recording
-from study_app.gaze.replay import ReplaySource
 from study_app.gaze.simulated import STEADY, GazeBehaviour, GazeEvent, SimulatedGaze
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin, resume

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from protocols.errors import StudyError
 from protocols.load import load_display, load_study, shipped
 from protocols.study_file.schema import StudyProtocol
-from study_app import fonts, text_image
+from study_app import text_image
 from study_app.cli import app
 from study_app.cli.protocol_commands import _feasibility_table
 from study_app.pages import PageLayout
@@ -173,7 +173,7 @@ def test_the_question_stands_above_the_labels_however_long_it_is():
 
 def test_fonts_are_searched_once_for_all_texts_of_a_study(monkeypatch):
     """Before, the folders were read anew for each text: a tenth of a simulated session."""
-    fonts._fonts_in.cache_clear()
+    text_image._fonts_in.cache_clear()
     text_image._font_for.cache_clear()
     read: list[Path] = []
     rglob = Path.rglob

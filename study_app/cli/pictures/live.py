@@ -255,7 +255,7 @@ class _Showing:
 
     def run(self) -> None:
         """Show until it is ended; say the latency."""
-        from study_app.gaze.lsl_head import open_head
+        from study_app.gaze.lsl import open_head
         from study_app.gaze.open_source import open_gaze
         from study_app.gaze.saccades import SaccadeWatch, check_saccade_rate
         from study_app.gaze.source import TrackerContext

@@ -9,8 +9,7 @@ import typer
 
 from protocols.errors import StudyError
 from protocols.prose import count_of
-from study_app.archive.index import INDEX_NAME
-from study_app.archive.read_archive import ArchiveFindings, check, check_folder, opened
+from study_app.archive.read_archive import INDEX_NAME, ArchiveFindings, check, check_folder, opened
 from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.cli.options import ProtocolArgument
 from study_app.cli.progress import one_line

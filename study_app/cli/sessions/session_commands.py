@@ -29,12 +29,11 @@ from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionArgument
 from study_app.cli.progress import going_on
 from study_app.cli.sessions.session_run_commands import register
-from study_app.cli.sessions.undecided import require_decisions
 from study_app.cli.terminal import Description, PlainConsole, say, table_of
 from study_app.gaze.simulated import HUMAN, STEADY
 from study_app.observers import DEFAULT_UTILITIES, ObserverModel, default_model
 from study_app.operator_view import standing
-from study_app.session_folders import SessionFolder, find_sessions
+from study_app.session_folders import SessionFolder, find_sessions, require_decisions
 from study_app.simulate import SimulatedStudy, participant_code, simulate_study
 from study_app.verification import checksums_of
 

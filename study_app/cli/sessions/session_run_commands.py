@@ -19,11 +19,10 @@ from study_app.cli.error_messages import EXIT_USER_ERROR
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.sessions import archive_commands, web_commands
 from study_app.cli.sessions.record_commands import print_rows, verify, watch, withdraw
-from study_app.cli.sessions.undecided import require_decisions
 from study_app.cli.terminal import PlainConsole, say
 from study_app.desktop.strip import FlipMarks
 from study_app.operator_view import attempt_line
-from study_app.session_folders import SessionFolder
+from study_app.session_folders import SessionFolder, require_decisions
 
 if TYPE_CHECKING:  # what opens a window is imported when a command runs
     from study_app.conduct import RunOutcome

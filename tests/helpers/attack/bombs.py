@@ -557,7 +557,7 @@ def _archive_with(members: dict[str, tuple[bytes, bytes, int, bytes]], folder: P
     """Write an archive whose list is right for members that unpack to much."""
     from protocols.disk.hashing import sha256_bytes
     from protocols.load import load_protocol
-    from study_app.archive.index import ArchivedFile, Index
+    from study_app.archive.read_archive import ArchivedFile, Index
 
     content = shipped("studies")["demo"].read_bytes()
     members = {"study__demo.toml": (content, b" ", 0, b""), **members}

@@ -202,8 +202,7 @@ def _log(_folder: Path, path: Path, steps: _Steps) -> None:
     from protocols.load import load_toml
     from study_app.gaze.saccades import SaccadeWatch
     from study_app.live import log as live_log
-    from study_app.live.latency_histogram import Latency
-    from study_app.live.loop import LiveLoop
+    from study_app.live.loop import Latency, LiveLoop
     from study_app.live.renderer import LiveView
     from study_app.virtual import VirtualClock
 

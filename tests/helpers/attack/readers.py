@@ -64,9 +64,8 @@ from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.attempt_record import FLIPS_HEADER, LIVE_HEADER
 from study_app.gaze.recording import load_recording
 from study_app.gaze.simulated import STEADY
-from study_app.live.latency_histogram import Latency
 from study_app.live.log import LiveLog, read_log
-from study_app.live.loop import DrawnFlip
+from study_app.live.loop import DrawnFlip, Latency
 from study_app.live.redraw import gaze_by_stamp, read_flips
 from study_app.live.renderer import GazeState, LiveView, RendererDescription
 from study_app.session_folders import SessionFolder

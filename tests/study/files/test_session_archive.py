@@ -16,7 +16,7 @@ from protocols.disk.hashing import sha256_bytes
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
-from study_app.archive.index import INDEX_NAME, ArchivedFile, Index
+from study_app.archive.read_archive import INDEX_NAME, ArchivedFile, Index
 from study_app.cli import app, new_study_command
 from study_app.simulate import SimulatedStudy, simulate_session
 

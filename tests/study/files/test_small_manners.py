@@ -21,7 +21,7 @@ from study_app import simulate
 from study_app.cli import app
 from study_app.cli.sessions.session_commands import _data_of
 from study_app.cli.terminal import PlainConsole
-from study_app.dialogue import Dialogue
+from study_app.conduct import Dialogue
 from study_app.observers import ArtificialObserver, default_model
 from study_app.pages import PageLayout
 from study_app.shown_texts import require_showable

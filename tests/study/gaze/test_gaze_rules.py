@@ -14,8 +14,8 @@ from protocols.load import load_display
 from protocols.study_file.session_schema import Gaze
 from protocols.viewing import Viewing
 from study_app.gaze.fixation import FixationMonitor
+from study_app.gaze.open_source import ReplaySource
 from study_app.gaze.recording import load_recording
-from study_app.gaze.replay import ReplaySource
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, GazeEvent, SimulatedGaze
 from study_app.gaze.source import GazeSample
 from study_app.trial import GazeVerdict

@@ -312,7 +312,7 @@ def test_labels_that_name_two_channels_are_taken(labels, count, spec, taken):
 
 def head(labels: list[str], count: int, row: list[float], unit: str = "") -> tuple[float, float]:
     """Return where a head looks by a sample of a stream with these labels."""
-    from study_app.gaze.lsl_head import LslHead
+    from study_app.gaze.lsl import LslHead
 
     source = LslHead("")
     source._choose_channels(labels, [unit] * len(labels), count)
@@ -371,7 +371,7 @@ def test_a_heads_pose_comes_over_lsl_on_our_clock_and_no_stream_is_one_message()
     import time
 
     from protocols.errors import StudyError
-    from study_app.gaze.lsl_head import LslHead, open_head
+    from study_app.gaze.lsl import LslHead, open_head
 
     with pytest.raises(StudyError, match="head: a stream with name 'no-head' must be on the"):
         LslHead("no-head", wait_s=0.2).open()

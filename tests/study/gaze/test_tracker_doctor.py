@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from protocols.errors import StudyError
 from protocols.load import load_display
 from study_app.cli import app
-from study_app.doctor.findings import Status
-from study_app.doctor.tracker import check_tracker
+from study_app.cli.doctor import check_tracker
+from study_app.doctor import Status
 from study_app.virtual import VirtualClock
 
 FHD = load_display("fhd27-60hz")
@@ -45,7 +45,7 @@ def host_of(monkeypatch):
             clock.move_to(clock() + seconds)
             host.advance(clock())
 
-        for module in ("doctor.tracker", "gaze.source", "gaze.eyelink"):
+        for module in ("cli.doctor", "gaze.source", "gaze.eyelink"):
             ours = SimpleNamespace(monotonic=clock, sleep=wait, time=time.time)
             monkeypatch.setattr(f"study_app.{module}.time", ours)
         return host
