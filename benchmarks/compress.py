@@ -28,7 +28,7 @@ from pipeline.compression.codec import DEFAULT_ANGLES, CompressionSettings, comp
 from pipeline.compression.gpu import DecompressPass
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import MetamerPass
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.pooling import MetamerSettings
 from pipeline.gl.context import create_context, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.image_file import from_integers, read_pixels, three_channels

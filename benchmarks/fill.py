@@ -30,18 +30,16 @@ from benchmarks.shared.dispatches import dispatches_of
 from benchmarks.shared.output import PagePart, file_to_write, write_record
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.gl.context import create_context, describe, release_context
+from pipeline.gl.context import create_context, describe, measure, release_context
 from pipeline.gl.texture import create_texture, texture_from
-from pipeline.gl.timer import measure
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.methods.registry import create_method
-from pipeline.pushpull.gpu import PushPullPass
+from pipeline.pushpull.gpu import PushPullPass, WeightedPullPushPass
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.settings import MetamericSettings
 from pipeline.transport.gpu import TransportPass
-from pipeline.transport.settings import TransportSettings
+from pipeline.transport.reference import TransportSettings
 from pipeline.warp.gpu import WarpPass
-from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
 from protocols.revision import code_revision, package_version
 
 PART = PagePart("fill table")

@@ -34,9 +34,8 @@ from benchmarks.shared.output import PagePart, file_to_write, write_record
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import FoveationPass
-from pipeline.gl.context import GraphicsDriver, create_context, describe, release_context
+from pipeline.gl.context import GraphicsDriver, create_context, describe, measure, release_context
 from pipeline.gl.texture import create_texture, texture_from
-from pipeline.gl.timer import measure
 
 PART = PagePart("foveation times")
 EDGES = (512, 1024, 2048, 4096)

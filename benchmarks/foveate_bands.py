@@ -40,8 +40,7 @@ from benchmarks.shared.pyramid_banks import (
 )
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import make_pooling
+from pipeline.foveation.pooling import Pools, make_pooling
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from stimuli.score.statistics import statistics_distance

@@ -31,8 +31,7 @@ from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import make_pooling
+from pipeline.foveation.pooling import Pools, make_pooling
 from pipeline.image_file import from_integers, read_pixels, three_channels
 from stimuli.score.statistics import statistics_distance
 

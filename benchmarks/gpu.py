@@ -31,14 +31,13 @@ from benchmarks.shared.output import file_to_write, write_record
 from pipeline.errors import GLUnavailableError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.pooling import MetamerSettings
 from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.textures.bake import bake
 from protocols.revision import package_version
 from stimuli.textured.draw_globes import TexturedRenderer
-from stimuli.textured.planet import planet_map
-from stimuli.textured.scenes import SCENES, WIDTH_DEG
+from stimuli.textured.scenes import SCENES, WIDTH_DEG, planet_map
 
 NAMES = {
     "warp": ("warp",),

@@ -21,9 +21,7 @@ from scipy.interpolate import griddata
 from benchmarks.shared.machine import conditions
 from benchmarks.shared.output import file_to_write, write_record
 from pipeline.foveation.geometry import Flat, FlatGeometry
-from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import make_pooling
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.pooling import MetamerSettings, Pools, make_pooling
 from pipeline.gl.context import create_context, release_context
 from pipeline.textures.bake import bake
 from pipeline.textures.footprints import saved, touched

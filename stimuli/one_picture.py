@@ -17,8 +17,7 @@ from pipeline.frame import SourceFrame, check_file_size
 from protocols.errors import must_be_one_of
 from protocols.outside import bounded_bytes, reading
 from stimuli.exr import WarpInput, load_colour
-from stimuli.media.flow_file import read_flo
-from stimuli.media.plane_file import DepthIs, Unknown
+from stimuli.media.plane_file import DepthIs, Unknown, read_flo
 from stimuli.scenes.photo import centred, load_depth
 
 Nearer = Literal["fast", "none"]

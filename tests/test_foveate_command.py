@@ -21,7 +21,7 @@ from stimuli.foveated.foveation_steps import condition_steps
 from stimuli.foveated.gaze_and_display import StatedViewing, look_at, read_gaze
 from stimuli.foveated.moving import shrunk, wandering
 from stimuli.foveated.rings import draw_pools, ring_eccentricities
-from stimuli.reporter import Reporter
+from stimuli.media.frames_folder import Reporter
 from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64
@@ -167,8 +167,7 @@ def test_steps_are_written_as_pictures(png, tmp_path):
 
 def test_steps_of_a_metamer_show_base_deviations_and_noise(colour):
     from pipeline.foveation.conditions import create_condition
-    from pipeline.foveation.lod import Pools
-    from pipeline.foveation.pooling import Pooling
+    from pipeline.foveation.pooling import Pooling, Pools
 
     pools = Pools(Flat().of(WIDTH, HEIGHT), (32, 24), Pooling())
     condition = create_condition("metamer", {"levels": 2})

@@ -13,7 +13,7 @@ from pipeline.frame import SourceFrame
 from pipeline.image_file import write_pixels
 from pipeline.warp.gpu import warp_frame
 from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
-from stimuli.media.flow_file import read_flo
+from stimuli.media.plane_file import read_flo
 from stimuli.one_picture import from_depth, from_flow, read_pose
 from stimuli.scenes.stereo import load_pair
 from study_app.cli import app

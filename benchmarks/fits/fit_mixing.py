@@ -38,9 +38,10 @@ from scipy.optimize import least_squares
 
 from pipeline.features.reference import MAX_LEVELS, fitted_kernels
 from pipeline.noise import tile
-from pipeline.noise.gains import LEAST_GAIN, MOST_GAIN
-from pipeline.noise.mixing import (
+from pipeline.noise.gains import (
     LAGS,
+    LEAST_GAIN,
+    MOST_GAIN,
     measured_variances,
     overlaps,
     packed,

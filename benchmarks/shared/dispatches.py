@@ -8,8 +8,7 @@ from typing import Any
 
 import moderngl
 
-from pipeline.gl.context import describe
-from pipeline.gl.timer import measure
+from pipeline.gl.context import describe, measure
 
 Dispatch = Callable[[], None]
 

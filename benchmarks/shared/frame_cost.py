@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import moderngl
 
 from benchmarks.shared.dispatches import nothing_dispatched, timed_dispatches
-from pipeline.gl.context import describe
-from pipeline.gl.timer import measure
+from pipeline.gl.context import describe, measure
 
 Work = Callable[[], object]
 CLOCK_UP_S = 0.2  # graphics cards rest at a sixth of their clock, and take this long to rise

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pipeline.colour import RGB_FROM_YCBCR, ycbcr_from_rgb
 from pipeline.features.reference import Pyramid, analyse, double, halve, synthesise
 from pipeline.foveation.chain import chain_length, chain_of, select
-from pipeline.foveation.lod import Pools
+from pipeline.foveation.pooling import Pools
 from pipeline.foveation.reference import finished
 
 Floats = NDArray[np.float64]

@@ -26,7 +26,7 @@ from pipeline.compression.compressed_file import (
     rounded,
     unpack,
 )
-from pipeline.compression.grid import PolarGrid
+from pipeline.compression.grid import PolarGrid, fitted_cells, from_cells
 from pipeline.compression.lost import (
     MOST_LEVELS,
     LostMap,
@@ -35,7 +35,6 @@ from pipeline.compression.lost import (
     mean_of_maps,
     with_noise,
 )
-from pipeline.compression.resample import fitted_cells, from_cells
 from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.picture_fixation import check_picture

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.compression.grid import PolarGrid
-from pipeline.compression.resample import MARGIN, around, linear, to_cells
+from pipeline.compression.grid import MARGIN, PolarGrid, around, linear, to_cells
 from pipeline.foveation.chain import chain_of
 from pipeline.foveation.noise_plane import noise_plane
 from pipeline.foveation.pooled_moments import (

@@ -1,5 +1,5 @@
 #version 430
-// Unfold: colour in polar cells, read at the picture's pixels. Twin: from_cells() in resample.py.
+// Unfold: colour in polar cells, read at the picture's pixels. Twin: from_cells() in grid.py.
 
 #constant TILE     // work-group edge, pixels
 #constant TURN_PX  // where cells begin to grow

@@ -1,4 +1,4 @@
-"""The moments that a metamer is made of, as maps that a network can predict.
+"""The moments that a metamer is made of, as maps that a network can predict, and light paths.
 
 Beyond Blur (Walton et al. 2021), section 5.3: a network maps a noisy picture "to a moments map,
 which can then be turned into a metamer". The maps here are all that our synthesis needs: the colour
@@ -6,18 +6,23 @@ that is left when every pool is averaged, and for blocks of 4x4 pixels the devia
 has lost, and the chroma that goes with it. Deviations, for squares of small numbers are badly
 scaled for an L2 loss; chroma as a deviation too, since a slope means nothing where luma has none.
 
+The paper says 1 path in the periphery and 32 in the centre, and not how they fall between. In
+`Sampling` the exponent falls linearly with the eccentricity.
+
 Twin of `metamer_of`: gpu.py and weights.comp.glsl. Change both or neither.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InputError
 from pipeline.foveation.chain import chain_length, chain_of, select
-from pipeline.foveation.lod import Pools
+from pipeline.foveation.geometry import Geometry, eccentricity_deg, pixel_centres
 from pipeline.foveation.noise_plane import noise_plane
 from pipeline.foveation.pooled_moments import (
     BLOCK_HALVINGS,
@@ -25,8 +30,70 @@ from pipeline.foveation.pooled_moments import (
     WantedMoments,
     wanted_by_blocks,
 )
+from pipeline.foveation.pooling import Pools
 from pipeline.foveation.reference import finished, shaped_noise
 from pipeline.frame import Floats
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Samples by eccentricity.
+
+    Parameters
+    ----------
+    halvings : int
+        At the gaze a pixel has 2 to this power samples, from 0 to 10; far away it has one.
+    near_deg, far_deg : float
+        Up to the first a pixel has most, from the second on one.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+    """
+
+    halvings: int = 5
+    near_deg: float = 2.0
+    far_deg: float = 16.0
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.halvings, int) and 0 <= self.halvings <= 10):
+            raise InputError(
+                f"halvings of samples must be a whole number in 0..10 (got {self.halvings!r})"
+            )
+        if not 0 <= self.near_deg < self.far_deg < math.inf:
+            raise InputError(
+                "samples must fall between two angles, near_deg below far_deg"
+                f" (got {self.near_deg} and {self.far_deg})"
+            )
+
+    def exponents(self, geometry: Geometry, gaze_px: tuple[float, float]) -> NDArray[np.intp]:
+        """Powers of two, from 0 to `halvings`: (H, W)."""
+        away_deg = eccentricity_deg(geometry, gaze_px, *pixel_centres(geometry))
+        share = (self.far_deg - away_deg) / (self.far_deg - self.near_deg)
+        return np.rint(self.halvings * np.clip(share, 0, 1)).astype(np.intp)
+
+    def counts(self, geometry: Geometry, gaze_px: tuple[float, float]) -> NDArray[np.intp]:
+        """Samples of each pixel: (H, W)."""
+        return np.left_shift(1, self.exponents(geometry, gaze_px))
+
+
+def composed(renders: NDArray[np.floating], exponents: NDArray[np.intp]) -> NDArray[np.float32]:
+    """Take each pixel from the picture that has its number of samples.
+
+    Pixels of a path tracer share no samples, so this is what tracing each pixel's own number of
+    paths gives.
+
+    Parameters
+    ----------
+    renders : ndarray of shape (N, H, W, 3)
+        With 1, 2, 4, ... samples a pixel.
+    exponents : ndarray of int, shape (H, W)
+        Below N.
+    """
+    rows, columns = np.indices(exponents.shape)
+    return np.asarray(renders[exponents, rows, columns], np.float32)
+
 
 LEVELS = 5
 """Of the pyramid, as `MetamerSettings` has it; small pictures have fewer."""

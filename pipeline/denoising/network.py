@@ -20,13 +20,11 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.denoising.maps import BLOCK_PX, LEVELS, MomentMaps, maps_of
-from pipeline.denoising.samples import Sampling
+from pipeline.denoising.maps import BLOCK_PX, LEVELS, MomentMaps, Sampling, maps_of
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import WIDEST_FLAT_DEG
-from pipeline.foveation.lod import Pools
 from pipeline.foveation.picture_fixation import check_picture
-from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.pooling import Pooling, Pools
 from pipeline.methods.onnx_files import one_line, open_session
 from protocols.errors import must_be_one_of
 from protocols.outside import reading

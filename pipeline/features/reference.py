@@ -8,7 +8,8 @@ section 3.2; Kuffner dos Anjos et al. 2022, section 3.2, who keep only the fines
 band: docs/decisions/0015). Level k has ceil(size / 2^k) pixels; its pixel i covers pixels
 2i and 2i + 1 of level k - 1, as in push-pull. Borders repeat.
 
-Twin: bands.glsl, and lowpass.comp.glsl in statistics/. Change both or neither.
+Twin: bands.glsl (its constants are `band_constants` and `low_constants`), and lowpass.comp.glsl
+in statistics/. Change both or neither.
 """
 
 import json
@@ -195,3 +196,24 @@ def grow(mask: Bools, radius: int) -> Bools:
     reach = range(2 * radius + 1)
     shifts = [padded[i : i + height, j : j + width] for i in reach for j in reach]
     return np.asarray(np.logical_or.reduce(shifts))
+
+
+def band_constants() -> dict[str, float]:
+    """The 3x3 kernels as the constants that bands.glsl declares."""
+    kernels = fitted_kernels()
+    return {
+        "HIGH_EDGE": float(kernels.high[0, 1]),
+        "HIGH_CORNER": float(kernels.high[0, 0]),
+        "ORIENTED_EDGE": float(kernels.oriented[1, 2]),
+        "ORIENTED_CORNER": float(kernels.oriented[0, 2]),
+    }
+
+
+def low_constants() -> dict[str, float]:
+    """The low-pass's taps: of the inner two by two, beside them, and at the corners."""
+    low = fitted_kernels().low
+    return {
+        "LOW_INNER": float(low[1, 1]),
+        "LOW_MIXED": float(low[0, 1]),
+        "LOW_OUTER": float(low[0, 0]),
+    }

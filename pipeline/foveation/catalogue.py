@@ -1,4 +1,6 @@
-"""The conditions by class: parameters checked and kept, the work done by the modules beside.
+"""Interface of every condition, and the conditions by class.
+
+Classes check and keep parameters; the modules beside do the work.
 
 Keyword-only parameters of a class and of its bases are the parameters of its condition. Those of
 pooling are the same for all: see `PooledCondition`.
@@ -7,7 +9,7 @@ pooling are the same for all: see `PooledCondition`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Unpack
+from typing import TYPE_CHECKING, ClassVar, Protocol, Unpack
 
 from pipeline.errors import InputError
 from pipeline.foveation import displacement, enhancement, reference
@@ -16,17 +18,52 @@ from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.picture_fixation import Picture, PictureFixation
 from pipeline.foveation.pooling import (
     CONSTANTS,
+    Chroma,
+    MetamerSettings,
     Pooling,
     PoolingParameters,
+    Residual,
     make_pooling,
 )
-from pipeline.foveation.settings import Chroma, MetamerSettings, Residual
 from pipeline.image_file import from_integers, read_pixels, three_channels
 
 if TYPE_CHECKING:
     import moderngl
 
     from pipeline.foveation.gpu import FoveationPass
+
+
+class Condition(Protocol):
+    """A configured way to change a picture for a gaze.
+
+    A pure function of picture, fixation and parameters: any state is only a cache.
+
+    Attributes
+    ----------
+    on_charts : bool
+        Whether a panorama is shown in three pictures, see panorama.py; it needs `pooling`.
+    """
+
+    on_charts: ClassVar[bool]
+
+    @property
+    def pooling(self) -> Pooling | None:
+        """Width of the eye's pools; None where it plays no part."""
+        ...
+
+    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+        """Return the picture that is shown: (H, W, 3), float32 in [0, 1]."""
+        ...
+
+    def on_gpu(
+        self, ctx: moderngl.Context, geometry: Geometry, seed: int | None = None
+    ) -> FoveationPass | None:
+        """Build the passes that do the same, or None where only numpy does it.
+
+        Noise of `seed` is made before they take their memory, which it needs for a while.
+        """
+        ...
+
 
 ENHANCED_RATE = 1.40
 """Arcmin per degree of the blurs that are enhanced, unless a law is given: Beyond Blur's widest."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import moderngl
 
-from pipeline.features.gpu import band_constants, low_constants
+from pipeline.features.reference import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.picture_pass import TILE, PicturePass, PoolUniforms, resolutions
 from pipeline.gl.compute import Dispatch, Dispatches, Resource, Shader, of_int

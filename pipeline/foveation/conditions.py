@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.foveation.condition import Condition
+from pipeline.foveation.catalogue import Condition
 from pipeline.foveation.geometry import Flat, Geometry, Viewing
 from pipeline.foveation.panorama import by_charts
 from pipeline.foveation.picture_fixation import (

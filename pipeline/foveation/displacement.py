@@ -20,9 +20,8 @@ from pipeline.errors import InputError
 from pipeline.features.reference import check_levels, fitted_kernels
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, select
 from pipeline.foveation.geometry import Geometry, pixel_centres
-from pipeline.foveation.lod import Pools, lod_of
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, band_variances
-from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.pooling import Pooling, Pools, lod_of
 from pipeline.foveation.reference import finished, twice
 from pipeline.foveation.sphere import displaced_rays
 from pipeline.frame import Floats

@@ -12,7 +12,7 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
-from pipeline.features.gpu import band_constants, low_constants
+from pipeline.features.reference import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.chain_gpu import MomentChainPass
 from pipeline.foveation.displacement import (
@@ -26,10 +26,10 @@ from pipeline.foveation.displacement import (
 )
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.gpu import Call, FoveationPass
-from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.picture_pass import TILE, PicturePass, PoolUniforms, halved, resolutions
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
+from pipeline.foveation.pooling import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.sphere import FINEST
 from pipeline.gl.compute import Dispatch, Dispatches, Resource, Shader, of_int
 from pipeline.gl.shader import Constant

@@ -33,10 +33,9 @@ from pipeline.errors import InputError, MissingExtraError
 from pipeline.features.reference import check_levels, fitted_kernels
 from pipeline.foveation.catalogue import Metamer, PooledCondition
 from pipeline.foveation.chain import chain_length
-from pipeline.foveation.lod import Pools
 from pipeline.foveation.panorama import by_charts
 from pipeline.foveation.picture_fixation import Picture, PictureFixation
-from pipeline.foveation.pooling import LAWS, PoolingParameters
+from pipeline.foveation.pooling import LAWS, PoolingParameters, Pools
 from pipeline.foveation.reference import blurred, finished
 from pipeline.frame import Floats
 from pipeline.noise.tile import Stream, white_noise

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve, select
 from pipeline.foveation.geometry import pixel_centres
-from pipeline.foveation.lod import Pools, lod_of
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
+from pipeline.foveation.pooling import Pools, lod_of
 from pipeline.foveation.reference import blurred, finished
 from pipeline.foveation.sphere import noise_strength
 from pipeline.frame import Floats

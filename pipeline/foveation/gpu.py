@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.chain_gpu import MomentChainPass, given
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.lod import FADE_SHARE
 from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
 from pipeline.foveation.picture_fixation import Picture, PictureFixation
 from pipeline.foveation.picture_pass import (
@@ -30,12 +29,11 @@ from pipeline.foveation.picture_pass import (
     screen_noise,
     weight_layers,
 )
-from pipeline.foveation.pooling import Pooling
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.pooling import FADE_SHARE, MetamerSettings, Pooling
 from pipeline.gl.compute import Dispatch, Dispatches, Shader, let_go
 from pipeline.gl.texture import check_texture, create_texture, texture_from, upload
+from pipeline.noise.gains import LAGS, fitted_mixing
 from pipeline.noise.gpu import NoisePass
-from pipeline.noise.mixing import LAGS, fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX
 
 OPAQUE = {"rgba8": 255, "rgba32f": 1}

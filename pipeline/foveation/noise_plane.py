@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import Floats
-from pipeline.noise.mixing import fitted_mixing
+from pipeline.noise.gains import fitted_mixing
 from pipeline.noise.tile import (
     TILE,
     NoiseBands,

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.foveation.catalogue import Metamer
+from pipeline.foveation.catalogue import Condition, Metamer
 from pipeline.foveation.chain import chain_length, chain_of
 from pipeline.foveation.chain_gpu import POWERS
-from pipeline.foveation.condition import Condition
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, tile_edge
 from pipeline.foveation.picture_fixation import as_floats

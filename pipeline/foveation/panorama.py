@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.condition import Condition
+from pipeline.foveation.catalogue import Condition
 from pipeline.foveation.displacement import look_up
 from pipeline.foveation.geometry import (
     CapGeometry,

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry, check_edges, check_gaze
-from pipeline.foveation.lod import Pools
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.pooling import Pooling, Pools
 from pipeline.image_file import from_integers
 
 Picture = NDArray[np.float32]

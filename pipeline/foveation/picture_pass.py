@@ -22,7 +22,6 @@ from pipeline.foveation.geometry import (
     Geometry,
     check_gaze,
 )
-from pipeline.foveation.lod import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.noise_plane import (
     GRAIN,
     MOST_STEPS,
@@ -37,7 +36,7 @@ from pipeline.foveation.pooled_moments import (
     SMALLEST_VARIANCE,
     STRONGEST_SKEW,
 )
-from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.pooling import FADE_SHARE, HALVED_VARIANCE, Pooling
 from pipeline.foveation.reference import AIM, COLOURED, FIRST_SMOOTH, ROOMY
 from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
 from pipeline.gl.compute import Dispatches, Shader

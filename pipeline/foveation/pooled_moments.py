@@ -22,7 +22,7 @@ import numpy as np
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import fitted_kernels
 from pipeline.foveation.chain import band, chain_of, enlarge, halve, halve_box, select
-from pipeline.foveation.lod import Pools, halving_variance
+from pipeline.foveation.pooling import Pools, halving_variance
 from pipeline.frame import Floats
 
 BLOCK_HALVINGS = 2  # a block is 4x4 pixels

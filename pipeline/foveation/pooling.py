@@ -1,19 +1,25 @@
-"""Width of the eye's pools by eccentricity: laws, and presets with published constants.
+"""Width of the eye's pools, the level of detail that pools as widely, and settings of metamers.
 
 A law gives the deviation f(e) of a pooling Gaussian. Inside the fovea, up to `fovea_deg`, nothing
 is pooled, and beyond it variances differ by the law's: ``sigma(e)^2 = f(e)^2 - f(fovea)^2``. So
 the level of detail, which goes with the variance, rises from 0 without a jump.
+
+n halvings and n doublings average with the variance ``v_n = HALVED_VARIANCE * (4^n - 1)``, in
+pixels squared along each axis. A mixture of two neighbouring levels, of shares 1 - a and a, has the
+variance ``(1 - a) v_n + a v_(n+1)``; so ``n + a`` follows from the variance that is asked for.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal, TypedDict
+from dataclasses import dataclass, field
+from typing import Literal, TypedDict, get_args
 
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.features.reference import check_levels, fitted_kernels
+from pipeline.foveation.geometry import Geometry, check_gaze, eccentricity_deg, pixel_centres
 from pipeline.frame import Floats
 from protocols.errors import must_be_one_of
 
@@ -154,3 +160,106 @@ def make_pooling(
     if given and own not in given:
         raise InputError(f"law {law!r} takes {own} (got {next(iter(given))})")
     return Pooling(known, given.get(own, default), fovea_deg)
+
+
+FADE_SHARE = 0.25
+"""Of the fovea's radius: over it what is changed fades in."""
+
+
+def halving_variance() -> float:
+    """Variance of the pyramid's low-pass along an axis, pixels squared."""
+    low = fitted_kernels().low.sum(axis=0)
+    return float((low * (np.arange(4) - 1.5) ** 2).sum())
+
+
+# The low-pass, and doubling by 3/4 and 1/4 (variance 3/16 of a coarse pixel, 3/4 of a fine one).
+HALVED_VARIANCE = halving_variance() / 3 + 0.25
+
+
+def lod_of(sigma_px: Floats) -> Floats:
+    """Level of detail of pools with the deviation `sigma_px`, in pixels of the finest level."""
+    variance = np.square(sigma_px) / HALVED_VARIANCE
+    level = np.floor(0.5 * np.log2(variance + 1))
+    power = 4.0**level
+    return np.asarray(level + (variance - (power - 1)) / (3 * power))
+
+
+@dataclass(frozen=True)
+class Pools:
+    """The pools of one picture under one gaze."""
+
+    geometry: Geometry
+    gaze_px: tuple[float, float]
+    pooling: Pooling
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gaze_px", check_gaze(self.geometry, self.gaze_px))
+
+    def eccentricity_deg(self, halvings: int = 0) -> Floats:
+        """Eccentricity, degrees, at the texels of the picture halved so often: (h, w)."""
+        return eccentricity_deg(
+            self.geometry, self.gaze_px, *pixel_centres(self.geometry, halvings)
+        )
+
+    def sigma_px(self, halvings: int = 0) -> Floats:
+        """Deviation of the pools at these texels, in pixels of the picture: (h, w)."""
+        density = self.geometry.px_per_deg(*pixel_centres(self.geometry, halvings))
+        return np.asarray(self.pooling.sigma_deg(self.eccentricity_deg(halvings)) * density)
+
+    def lod(self, halvings: int = 0, level: int = 0) -> Floats:
+        """Level of detail at these texels, in pyramid level `level`'s own chain: (h, w)."""
+        return lod_of(self.sigma_px(halvings) / (1 << level))
+
+    def fade(self) -> Floats:
+        """Share of the change at each pixel: 0 in the fovea, 1 beyond its border: (H, W)."""
+        fovea_deg = self.pooling.fovea_deg
+        away_deg = self.eccentricity_deg() - fovea_deg
+        if fovea_deg == 0:
+            return np.asarray((away_deg > 0).astype(np.float64))
+        return np.asarray(np.clip(away_deg / (FADE_SHARE * fovea_deg), 0, 1))
+
+
+Chroma = Literal["follow", "full", "luma"]
+Residual = Literal["kept", "pooled"]
+
+
+@dataclass(frozen=True)
+class MetamerSettings:
+    """Switches of `metamer`.
+
+    Parameters
+    ----------
+    pooling : Pooling
+        How widely the eye pools.
+    levels : int
+        Of the pyramid, from 1 to 6; small pictures have fewer.
+    chroma : str
+        ``follow``: chroma goes with luma's noise; ``full``: and has noise of its own for what does
+        not; ``luma``: none.
+    residual : str
+        What lies below the last level is ``kept`` (as it gives no noise), or ``pooled`` too.
+    noise : float
+        Times the noise's deviation, from 0 to 4.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range.
+    """
+
+    pooling: Pooling = field(default_factory=Pooling)
+    levels: int = 5
+    chroma: Chroma = "follow"
+    residual: Residual = "kept"
+    noise: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_levels(self.levels)
+        for name, value, kind in (
+            ("chroma", self.chroma, Chroma),
+            ("residual", self.residual, Residual),
+        ):
+            if value not in get_args(kind):
+                raise InputError(must_be_one_of(name, value, get_args(kind)))
+        if not (0 <= self.noise <= 4 and math.isfinite(self.noise)):
+            raise InputError(f"noise must lie in 0..4 (got {self.noise})")

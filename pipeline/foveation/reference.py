@@ -18,14 +18,12 @@ from pipeline.colour import RGB_FROM_YCBCR, rgb_from_ycbcr
 from pipeline.foveation.bounded import added
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box, select
 from pipeline.foveation.geometry import pixel_centres
-from pipeline.foveation.lod import Pools
 from pipeline.foveation.noise_plane import noise_plane
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, WantedMoments, wanted_by_blocks
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.pooling import MetamerSettings, Pools
 from pipeline.foveation.sphere import noise_strength
 from pipeline.frame import Floats
-from pipeline.noise.gains import spectral_gains
-from pipeline.noise.mixing import fitted_mixing
+from pipeline.noise.gains import fitted_mixing, spectral_gains
 
 AIM = 1.0
 """Of the noise's deviation over the one that was pooled; fills ask for more, see mixing.AIM."""

@@ -3,7 +3,7 @@
 Directions are degrees right of and below the panorama's middle, as gazes are given. Noise of a
 view that turns lies on directions: `anchored_shift_px`.
 
-Twin: view_gpu.py. Change both or neither.
+Twin: `ViewPass` in panorama_gpu.py. Change both or neither.
 """
 
 from __future__ import annotations

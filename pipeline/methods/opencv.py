@@ -1,7 +1,8 @@
-"""OpenCV's two inpainting methods: what most users reach for."""
+"""Fills of other libraries: OpenCV's two, which most users reach for, and OpenImageIO's."""
 
 import cv2
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
@@ -61,3 +62,21 @@ class NavierStokes(_Inpaint):
     """
 
     _flag = cv2.INPAINT_NS
+
+
+class OiioPushPull:
+    """OpenImageIO's `ImageBufAlgo.fillholes_pushpull`, on float colour with transparent holes."""
+
+    def fill(self, warped: WarpedFrame, seed: int) -> NDArray[np.float32]:  # noqa: ARG002
+        """Fill the holes; known pixels are untouched."""
+        check_some_known(warped.hole)
+        alpha = (~warped.hole).astype(np.float32)[..., None]
+        source = oiio.ImageBuf(np.concatenate([warped.colour * alpha, alpha], axis=-1))
+        filled = oiio.ImageBufAlgo.fillholes_pushpull(source)
+        pixels = None if filled.has_error else filled.get_pixels(oiio.FLOAT)
+        if pixels is None:
+            raise InputError(f"OpenImageIO's push-pull failed: {filled.geterror()}")
+        return composite(warped, pixels[..., :3])
+
+    def release(self) -> None:
+        """Hold nothing."""

@@ -14,10 +14,8 @@ from pipeline.frame_textures import FrameTextures
 from pipeline.methods.method import InNumpy
 from pipeline.methods.on_gpu import OnGpu
 from pipeline.plate.gpu import PlatePass
-from pipeline.pushpull.gpu import PushPullPass, PyramidPass
-from pipeline.pushpull.reference import push_pull
-from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
-from pipeline.weighted_pullpush.reference import SAME_SURFACE, recirculating, weighted_pull_push
+from pipeline.pushpull.gpu import PushPullPass, PyramidPass, WeightedPullPushPass
+from pipeline.pushpull.reference import SAME_SURFACE, push_pull, recirculating, weighted_pull_push
 
 
 class _ColourOnly(OnGpu[PyramidPass]):
@@ -43,7 +41,7 @@ class PushPull(_ColourOnly):
 
 
 class WeightedPullPush(_ColourOnly):
-    """Pull-push with squared weights, on the GPU; see `pipeline.weighted_pullpush`.
+    """Pull-push with squared weights, on the GPU; see `pipeline.pushpull`.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ SHIPPED = tuple(
         (
             "coherence-transport",
             "edges of the background go on (after Bornemann and März 2007)",
-            "pipeline.methods.coherence_transport:CoherenceTransport",
+            "pipeline.methods.metameric:CoherenceTransport",
         ),
         (
             "push-pull-depth",
@@ -74,7 +74,7 @@ SHIPPED = tuple(
             "OpenCV's fluid dynamics (Bertalmio et al. 2001)",
             "pipeline.methods.opencv:NavierStokes",
         ),
-        ("oiio-push-pull", "OpenImageIO's push-pull", "pipeline.methods.oiio:OiioPushPull"),
+        ("oiio-push-pull", "OpenImageIO's push-pull", "pipeline.methods.opencv:OiioPushPull"),
         (
             "background-extension",
             "the background's edge, continued along the parallax",

@@ -11,7 +11,7 @@ texture more than all that they are asked for. So bands are softened on the way 
 of each level that they come through, and oriented ones by that of their own.
 
 All bands come from the same white noise, so that where they overlap they add up to what their sum
-measures, and can cancel out. Each is mixed with its neighbours first (mixing.py), or textures would
+measures, and can cancel out. Each is mixed with its neighbours first (gains.py), or textures would
 not get what they were weighed for.
 
 All of this is done in whole numbers, from random bits that are the same on every machine and in any
@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 
 from pipeline.features.reference import fitted_kernels
 from pipeline.frame import Floats
-from pipeline.noise.mixing import LAGS, fitted_mixing
+from pipeline.noise.gains import LAGS, fitted_mixing
 
 Bits: TypeAlias = NDArray[np.uint32]
 
@@ -98,7 +98,7 @@ class NoiseBands:
     """One seed's noise, mixed: weigh it by deviations and sum.
 
     `tiles`: (levels, channels, TILE_TEXELS, TILE_TEXELS, 3 bands), a pixel's centre at every
-    even texel; `lag_correlation`: (levels, 3 bands, 4 lags of `mixing.LAGS`), of
+    even texel; `lag_correlation`: (levels, 3 bands, 4 lags of `gains.LAGS`), of
     neighbouring texels.
     """
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import moderngl
 import numpy as np
 
-from pipeline.features.gpu import band_constants, low_constants
+from pipeline.features.reference import band_constants, low_constants
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import check_size

@@ -1,4 +1,4 @@
-"""Push-pull on the GPU. Twin: reference.py."""
+"""Push-pull on the GPU, plain and weighted. Twin: reference.py."""
 
 from itertools import pairwise
 from typing import ClassVar
@@ -81,3 +81,10 @@ def coarser_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:
         size = ((size[0] + 1) // 2, (size[1] + 1) // 2)
         sizes.append(size)
     return sizes
+
+
+class WeightedPullPushPass(PyramidPass):
+    """Pull-push with squared weights, as the note on hole filling has it."""
+
+    down = "pushpull/reduce.comp.glsl"
+    up = "pushpull/expand.comp.glsl"

@@ -1,9 +1,9 @@
 // Width of the eye's pools at a place, as the share of each level of detail.
-// Twin: geometry.py, pooling.py and lod.py in foveation/. Change both or neither.
+// Twin: geometry.py and pooling.py in foveation/. Change both or neither.
 
 #constant PROJECTION       // 0: a flat picture, 1: a whole panorama, 2: a pole of one; see geometry.py
 #constant POWER            // of the eccentricity in the pooling law: 1 or 2
-#constant HALVED_VARIANCE  // of a halving and a doubling, over 3: see lod.py
+#constant HALVED_VARIANCE  // of a halving and a doubling, over 3: see pooling.py
 
 uniform vec2 picture_px;    // width, height
 #if PROJECTION == 0

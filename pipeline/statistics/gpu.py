@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.features.gpu import band_constants
+from pipeline.features.reference import band_constants
 from pipeline.gl.passes import Pass
 from pipeline.inpaint.gpu import MOMENT_PLANES, GuidedBasePass, GuidedChainPass
 from pipeline.inpaint.regions import CELL, FIRST_STORED

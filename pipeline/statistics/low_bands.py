@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import moderngl
 
-from pipeline.features.gpu import low_constants
+from pipeline.features.reference import low_constants
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
 from pipeline.inpaint.gpu import GuidedBasePass

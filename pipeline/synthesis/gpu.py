@@ -12,7 +12,7 @@ from pipeline.frame import Floats
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
 from pipeline.inpaint.gpu import GuidedBasePass
-from pipeline.noise.mixing import LAGS
+from pipeline.noise.gains import LAGS
 from pipeline.noise.tile import TEXELS_PER_PX, TILE_TEXELS, noise_bands
 from pipeline.statistics.gpu import BANDS, VariancePass
 from pipeline.statistics.low_bands import LowBandPass

@@ -1,7 +1,7 @@
 """Noise that lies on a texture, for each level of its pyramid.
 
 A level's noise is fixed at its coefficients: whatever pixel reads it, at whatever level of detail,
-finds the same. So it can hold no share of other levels, as mixed noise does (noise/mixing.py): each
+finds the same. So it can hold no share of other levels, as mixed noise does (noise/gains.py): each
 band of each level has noise of its own. Bands overlap, and energies of independent noise add up:
 `overlap` says what a band measures of another, and `gains` what follows for the weights.
 """
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, grained
 from pipeline.frame import Floats, Ints
-from pipeline.noise.gains import UNSEEN_VARIANCE
-from pipeline.noise.mixing import LAGS
+from pipeline.noise.gains import LAGS, UNSEEN_VARIANCE
 from pipeline.noise.tile import NoiseBands, between, look_up, split, unit, white_steps
 from pipeline.textures.layout import Layout
 

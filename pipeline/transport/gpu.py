@@ -15,8 +15,8 @@ from pipeline.gl.texture import upload
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.regions import SHELLS
 from pipeline.synthesis.settings import MetamericSettings
-from pipeline.transport import settings as fixed
-from pipeline.transport.settings import TransportSettings
+from pipeline.transport import reference as fixed
+from pipeline.transport.reference import TransportSettings
 
 ROW = 64  # work-group size, pixels in a row
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from pipeline.statements.check_statements import UPRIGHT, VideoStatement, other
-from pipeline.video_header.colours import UNSAID, colour, gamma
-from pipeline.video_header.mp4 import cropped, dolby_vision, laid_out, shown_size
+from pipeline.video_header.coding import UNSAID, colour, gamma, laid_out
+from pipeline.video_header.mp4 import cropped, dolby_vision, shown_size
 
 _SEGMENT, _INFO, _TRACKS, _CHAPTERS = 0x18538067, 0x1549A966, 0x1654AE6B, 0x1043A770
 _CROPS = (0x54CC, 0x54BB, 0x54DD, 0x54AA)  # left, top, right, bottom

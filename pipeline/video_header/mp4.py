@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TypeAlias
 
-from pipeline.statements.check_statements import NO_CURE, UPRIGHT, VideoStatement, other
-from pipeline.video_header.colours import colour, gamma
+from pipeline.statements.check_statements import UPRIGHT, VideoStatement, other
+from pipeline.video_header.coding import colour, gamma, laid_out
 
 _LIGHT = {"mdcv", "clli", "amve", "cclv", "SmDm", "CoLL"}
 _COPIES = (0, 0x40)  # graphics modes: copy, and copy with dither
@@ -203,11 +203,6 @@ def _entry(coding: str, data: bytes) -> Iterator[VideoStatement]:
             case _:
                 yield from other("MP4: the video's coding", "a box", box)
     yield from dolby
-
-
-def laid_out(statement: str, name: str | None, words: str) -> VideoStatement:
-    """Return the meaning of two views or a panorama, with FFmpeg's name for their layout."""
-    return VideoStatement(statement, words, {"name": name} if name else {"cure": NO_CURE})
 
 
 def dolby_vision(record: bytes) -> VideoStatement:

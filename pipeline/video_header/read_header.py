@@ -11,8 +11,7 @@ import cv2
 from pipeline.errors import InputError
 from pipeline.statements.check_statements import VideoStatement
 from pipeline.video_header import avi, matroska, mp4
-from pipeline.video_header.coding import of_pixel_format, of_stream
-from pipeline.video_header.colours import UNSAID
+from pipeline.video_header.coding import UNSAID, of_pixel_format, of_stream
 from protocols.outside import reading
 
 _HEARD: Final = (b"h264", b"avc1", b"FMP4", b"mp4v")

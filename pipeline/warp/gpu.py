@@ -247,3 +247,23 @@ def _check_fits(ctx: moderngl.Context, source_size: tuple[int, int], window: Tar
             f" each pixel of the source, 8 of the window (got {source_size[0]}x{source_size[1]}"
             f" and {window.width_px}x{window.height_px}); use smaller images"
         )
+
+
+class CompletePass(Pass):
+    """Take from a second warped picture what is a hole in the first. One dispatch."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        super().__init__(ctx)
+        self._complete = self._shader("warp/complete.comp.glsl", TILE=8)
+
+    def __call__(self, first: FrameTextures, second: FrameTextures) -> None:
+        """Complete `first` in place; both have one size."""
+        self._complete.run_over(
+            first.size,
+            colour=first.colour,
+            depth_m=first.depth_m,
+            flow_px=first.flow_px,
+            second_colour=second.colour,
+            second_depth_m=second.depth_m,
+            second_flow_px=second.flow_px,
+        )

@@ -12,15 +12,15 @@ integers: both twins decide alike, and shared edges leave neither gaps nor doubl
 Twin: gpu.py with *.comp.glsl and shaderlib/warp_*.glsl. Change both or neither.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frame import Bools, Floats, Ints, SourceFrame, WarpedFrame
-from pipeline.warp.rim import without_rim
+from pipeline.frame import Bools, Floats, Ints, SourceFrame, WarpedFrame, check_same_size
 from pipeline.warp.settings import SUBPIXELS, TargetWindow, WarpSettings, checked
+from pipeline.warp.speckle import without_rim
 
 RINGS = 2  # of vertices around the source pixels
 GUARD = 16384 * SUBPIXELS  # vertices farther out are not drawn
@@ -553,3 +553,32 @@ def continued(depth_m: Floats, flow_px: Floats) -> tuple[Floats, Floats]:
                 flow[row, column] = flow[row, source]
         depth, flow = depth.T.copy(), flow.swapaxes(0, 1).copy()
     return depth, flow
+
+
+def completed(first: WarpedFrame, second: WarpedFrame) -> WarpedFrame:
+    """Take from `second` what is a hole in `first`: colour, depth and motion.
+
+    Parameters
+    ----------
+    first, second : WarpedFrame
+        The same view of the same moment, warped from two pictures.
+
+    Returns
+    -------
+    WarpedFrame
+        Holes are where both have holes, with the first picture's background behind them.
+
+    Raises
+    ------
+    InputError
+        If their sizes differ.
+    """
+    check_same_size(first=first.depth_m, second=second.depth_m)
+    take = first.hole & ~second.hole
+    return replace(
+        first,
+        colour=np.where(take[..., None], second.colour, first.colour),
+        depth_m=np.where(take, second.depth_m, first.depth_m),
+        flow_px=np.where(take[..., None], second.flow_px, first.flow_px),
+        hole=first.hole & second.hole,
+    )

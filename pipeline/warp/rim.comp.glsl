@@ -2,7 +2,7 @@
 // Make hole of the background's pixels along holes: one dispatch marks them, a second clears what
 // is marked, so that every pixel is judged by the holes as they were. Two programs: llvmpipe does
 // the work of both sides of a branch.
-// Twin: rim.py. Change both or neither.
+// Twin: without_rim() in speckle.py. Change both or neither.
 
 #constant TILE         // work-group edge, pixels
 #constant CLEAR        // whether to clear what is marked, or to mark

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.denoising.gpu import DenoisePass
-from pipeline.denoising.maps import metamer_of
+from pipeline.denoising.maps import Sampling, composed, metamer_of
 from pipeline.denoising.network import DenoisingNetwork, Kind, NetworkFacts, shipped_network
-from pipeline.denoising.samples import Sampling, composed
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.lod import Pools
 from pipeline.foveation.noise_plane import check_seed
+from pipeline.foveation.pooling import Pools
 from stimuli import pictures
 from stimuli.denoised.path_traced import (
     SCENE_SEED,
@@ -28,8 +27,7 @@ from stimuli.denoised.path_traced import (
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.foveated.gaze_and_display import StatedViewing, gaze_words, look_at, read_gaze
-from stimuli.media.frames_folder import frames_folder, frames_in
-from stimuli.reporter import SILENT, Reporter
+from stimuli.media.frames_folder import SILENT, Reporter, frames_folder, frames_in
 from stimuli.scenes.builtin_scenes import build_scene
 
 NETWORKS: tuple[Kind, ...] = ("moments", "rgb")

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pipeline.camera import Camera
 from pipeline.colour import decode_srgb, encode_srgb
-from pipeline.denoising.samples import Sampling
+from pipeline.denoising.maps import Sampling
 from pipeline.errors import InputError, MissingExtraError
 from stimuli.rendering.world import Light, MeshPart, Viewpoint, World
 from stimuli.scenes.builtin_scenes import scene_entry

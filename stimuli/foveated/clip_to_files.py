@@ -21,10 +21,9 @@ from stimuli.foveated.any_picture import PictureReading, check_drawable, read_an
 from stimuli.foveated.condition_sheet import check_choices
 from stimuli.foveated.foveate_files import METAMER
 from stimuli.foveated.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
-from stimuli.media.flow_file import read_flo
-from stimuli.media.frames_folder import frames_folder, frames_in
+from stimuli.media.frames_folder import SILENT, Reporter, frames_folder, frames_in
+from stimuli.media.plane_file import read_flo
 from stimuli.media.video import check_video, write_video
-from stimuli.reporter import SILENT, Reporter
 
 Track = Callable[[int, tuple[int, int]], NDArray[np.float64]]
 """From how many frames there are, and their (height, width), to the gaze of each: (frames, 2) in

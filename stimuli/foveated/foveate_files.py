@@ -30,7 +30,7 @@ from stimuli.foveated.gaze_and_display import (
     read_gaze,
     width_deg,
 )
-from stimuli.reporter import SILENT, Reporter
+from stimuli.media.frames_folder import SILENT, Reporter
 
 LEAST_SCORED_PX = 32
 METAMER = Choice("metamer")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pipeline.foveation import displacement, reference
 from pipeline.foveation.catalogue import (
     Blur,
+    Condition,
     ContrastEnhanced,
     Eidolon,
     Metamer,
@@ -22,11 +23,10 @@ from pipeline.foveation.catalogue import (
     WarpedMetamer,
 )
 from pipeline.foveation.chain import enlarge
-from pipeline.foveation.condition import Condition
 from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.geometry import Viewing
-from pipeline.foveation.lod import Pools
 from pipeline.foveation.pooled_moments import BLOCK_HALVINGS
+from pipeline.foveation.pooling import Pools
 from stimuli import pictures
 from stimuli.foveated.condition_sheet import ConditionPicture, pooling_of
 from stimuli.foveated.rings import draw_gaze, draw_pools

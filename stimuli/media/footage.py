@@ -13,10 +13,8 @@ from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import create_texture, read_back, upload
-from pipeline.second_source.gpu import CompletePass
-from pipeline.second_source.reference import completed
-from pipeline.warp.gpu import WarpPass
-from pipeline.warp.reference import warp
+from pipeline.warp.gpu import CompletePass, WarpPass
+from pipeline.warp.reference import completed, warp
 from pipeline.warp.settings import TargetWindow, WarpSettings
 from stimuli.rendering.motion import MotionPass, border_gap_px
 from stimuli.rendering.paths import Path

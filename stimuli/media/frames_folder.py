@@ -1,14 +1,40 @@
-"""Folders of frames: those of a clip, and one that a command fills with all of them or none."""
+"""Folders of frames, and the reporter of work on files.
+
+A command fills a folder with all of its frames or none.
+"""
+
+from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.errors import InputError
 from protocols.disk.left_behind import clear_folders, remove_files
 from protocols.disk.locks import held
 from protocols.disk.whole_file import PART, move, remove
+
+
+@dataclass(frozen=True)
+class Reporter:
+    """Callables that are told; left out, nobody is.
+
+    Parameters
+    ----------
+    say : callable
+        Called with what was decided and written, a line each.
+    progress : callable
+        Called with what is going on, how much of it is done, and of how much (0: not known).
+    """
+
+    say: Callable[[str], None] = lambda _: None
+    progress: Callable[[str, int, int], None] = lambda *_: None
+
+
+SILENT = Reporter()
+
 
 READ = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
 _UNREAD = (".heic", ".heif")

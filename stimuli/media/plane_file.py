@@ -1,9 +1,14 @@
-"""Files of one number a pixel: disparity and depth, and what in them stands for "unknown".
+"""Files of disparity and depth, with what in them stands for "unknown", and of optical flow.
 
 Numbers are read as they are stored. A number stands for "unknown" for sure if it is 0 in a file of
 integers, not finite in a file of floats, or what the file's own header names. Others do where no
 picture can have them: StereoSGBM's -1 (its -16 before it is divided by 16), a depth of 0. Where a
 number looks like a stand-in, but may be one, the person is asked.
+
+Files of flow are Middlebury's (`.flo`): four bytes that read "PIEH" (the float 202021.25), width
+and height as 32-bit integers, then two floats for each pixel, row by row: target minus source
+position, x to the right, y down, pixels. All little-endian. A component beyond 1e9 means that the
+motion is unknown (Baker et al. 2011, "A Database and Evaluation Methodology for Optical Flow").
 """
 
 from __future__ import annotations
@@ -444,3 +449,47 @@ def _only_key(path: Path, keys: list[str]) -> str:
     if len(keys) != 1:
         raise InputError(f"{path}: must hold one array (holds {', '.join(keys) or 'none'})")
     return keys[0]
+
+
+MAGIC = np.float32(202021.25)
+UNKNOWN_PX = 1e9
+HEADER_BYTES = 12
+
+
+def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Read a file of flow.
+
+    Returns
+    -------
+    flow_px : ndarray of float32, shape (H, W, 2)
+        As stored; 0 where it is unknown.
+    known : ndarray of bool, shape (H, W)
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    InputError
+        If it is not a whole file of flow, its numbers have the other byte order, or no motion is
+        known.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        data = file.read(HEADER_BYTES)
+    if len(data) < HEADER_BYTES or np.frombuffer(data, "<f4", 1)[0] != MAGIC:
+        raise InputError(f"{path}: must be a Middlebury flow file (it does not begin with PIEH)")
+    width, height = (int(edge) for edge in np.frombuffer(data, "<i4", 2, offset=4))
+    wanted = HEADER_BYTES + 8 * width * height
+    if width < 1 or height < 1 or size != wanted:
+        raise InputError(
+            f"{path}: must hold {width}x{height} px of motion in {wanted} bytes"
+            f" (has {size}); is it cut off?"
+        )
+    check_values(path, width, height, 2)
+    flow = np.fromfile(path, "<f4", offset=HEADER_BYTES).reshape(height, width, 2)
+    check_byte_order(path, flow)
+    with np.errstate(invalid="ignore"):
+        known = (np.abs(flow) <= UNKNOWN_PX).all(axis=-1)
+    if not known.any():
+        raise InputError(f"{path}: must know the motion of at least one pixel (knows none)")
+    return np.where(known[..., None], flow, 0).astype(np.float32), known

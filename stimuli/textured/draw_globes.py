@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.picture_pass import PoolUniforms
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.pooling import MetamerSettings
 from pipeline.gl.texture import check_size
 from pipeline.textures.bake import BakedTexture
 from pipeline.textures.gpu import TexturePass

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.foveation.catalogue import Metamer
 from pipeline.foveation.conditions import create_condition
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.pooling import MetamerSettings
 from pipeline.image_file import check_fits, read_pixels, three_channels
 from pipeline.textures.bake import BakedTexture, bake, strips
 from pipeline.textures.baked_file import read_baked, write_baked
@@ -25,10 +25,9 @@ from stimuli import pictures
 from stimuli.foveated.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
 from stimuli.foveated.moving import save_moving
 from stimuli.foveated.rings import draw_gaze
-from stimuli.reporter import SILENT, Reporter
+from stimuli.media.frames_folder import SILENT, Reporter
 from stimuli.textured.draw_globes import GLOBE_CONDITIONS, TexturedRenderer
-from stimuli.textured.planet import planet_map
-from stimuli.textured.scenes import TexturedScene, open_textured_scene
+from stimuli.textured.scenes import TexturedScene, open_textured_scene, planet_map
 
 PLANET_PX = 1024
 """Height of the map that scenes show unless another is given."""

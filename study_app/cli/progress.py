@@ -16,7 +16,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from stimuli.reporter import Reporter
+from stimuli.media.frames_folder import Reporter
 from study_app.cli.terminal import Description, PlainConsole, say
 
 

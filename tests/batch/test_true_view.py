@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from built_study import write_small_study
 
-from pipeline.transport.settings import TransportSettings
+from pipeline.transport.reference import TransportSettings
 from protocols.errors import StudyError
 from protocols.load import load_protocol
 from protocols.recipes.warped_clips import TrueView

@@ -13,8 +13,8 @@ from pipeline.compression import compressed_file
 from pipeline.compression.codec import CompressionSettings, compress, decompress
 from pipeline.errors import InputError
 from stimuli.compressed.compress_files import compress_file
+from stimuli.media.frames_folder import Reporter
 from stimuli.media.video import unpacked_video, write_video
-from stimuli.reporter import Reporter
 from study_app.cli import app
 
 

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from pipeline.compression.grid import TURN, Density, PolarGrid
-from pipeline.compression.resample import fitted_cells, from_cells, linear, to_cells
+from pipeline.compression.grid import (
+    TURN,
+    Density,
+    PolarGrid,
+    fitted_cells,
+    from_cells,
+    linear,
+    to_cells,
+)
 
 GAZES = [(40.0, 30.0), (0.0, 0.0), (96.0, 20.0), (-30.0, 100.0), (50.0, -1.0), (95.9, 0.1)]
 

@@ -5,15 +5,12 @@ import pytest
 from skimage import data
 
 from pipeline.denoising.gpu import DenoisePass, layered
-from pipeline.denoising.maps import MOST_SLOPE, MomentMaps, maps_of, metamer_of
-from pipeline.denoising.samples import Sampling, composed
+from pipeline.denoising.maps import MOST_SLOPE, MomentMaps, Sampling, composed, maps_of, metamer_of
 from pipeline.errors import InputError
 from pipeline.foveation import reference
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.pooling import MetamerSettings, Pooling, Pools
 from pipeline.foveation.reference import metamer
-from pipeline.foveation.settings import MetamerSettings
 
 HEIGHT, WIDTH = 75, 101
 

@@ -22,10 +22,8 @@ from pipeline.denoising.network import (
 from pipeline.errors import InputError, MissingExtraError
 from pipeline.foveation import reference
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.pooling import MetamerSettings, Pooling, Pools
 from pipeline.foveation.reference import metamer
-from pipeline.foveation.settings import MetamerSettings
 from pipeline.image_file import read_pixels
 from stimuli.denoised.denoise_files import Denoiser
 from study_app.cli import app

@@ -25,11 +25,9 @@ from pipeline.denoising.maps import maps_of, metamer_of
 from pipeline.foveation.bounded import added, slope_of
 from pipeline.foveation.conditions import foveate
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.pooling import MetamerSettings, Pooling, Pools
 from pipeline.foveation.reference import finished, metamer, metamer_parts
-from pipeline.foveation.settings import MetamerSettings
-from pipeline.noise.mixing import fitted_mixing
+from pipeline.noise.gains import fitted_mixing
 from pipeline.noise.tile import mixed_bands
 from pipeline.textures.bake import bake
 from pipeline.textures.reference import Fragments, shade

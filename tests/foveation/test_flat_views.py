@@ -10,8 +10,8 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator, foveate
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.noise_plane import tile_edge
+from pipeline.foveation.panorama_gpu import ViewPass
 from pipeline.foveation.view import anchored_shift_px, belt_px, flat_view
-from pipeline.foveation.view_gpu import ViewPass
 from pipeline.gl.texture import create_texture, read_back, texture_from
 
 VIEW = Flat(width_deg=70).of(81, 65)

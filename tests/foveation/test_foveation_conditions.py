@@ -19,8 +19,7 @@ from pipeline.foveation.conditions import (
     foveate,
 )
 from pipeline.foveation.geometry import Equirectangular, Flat
-from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import make_pooling
+from pipeline.foveation.pooling import Pools, make_pooling
 from pipeline.foveation.steady_gaze import SteadyGaze, carried
 
 NEEDS_TORCH = pytest.mark.skipif(

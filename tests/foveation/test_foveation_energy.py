@@ -13,9 +13,8 @@ from pipeline.foveation.chain import enlarge, halve
 from pipeline.foveation.conditions import condition_parameters, create_condition, foveate
 from pipeline.foveation.energy import EnergyMetamer, PooledEnergies, quadrature_pairs
 from pipeline.foveation.geometry import Equirectangular, Flat
-from pipeline.foveation.lod import Pools
 from pipeline.foveation.picture_fixation import PictureFixation
-from pipeline.foveation.pooling import Pooling
+from pipeline.foveation.pooling import Pooling, Pools
 from pipeline.foveation.reference import blurred
 
 HEIGHT, WIDTH = 40, 56

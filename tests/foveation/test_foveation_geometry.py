@@ -14,8 +14,7 @@ from pipeline.foveation.geometry import (
     eccentricity_deg,
     pixel_centres,
 )
-from pipeline.foveation.lod import HALVED_VARIANCE, Pools, lod_of
-from pipeline.foveation.pooling import Pooling, make_pooling
+from pipeline.foveation.pooling import HALVED_VARIANCE, Pooling, Pools, lod_of, make_pooling
 
 
 def at(value):

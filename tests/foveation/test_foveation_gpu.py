@@ -18,9 +18,8 @@ from pipeline.foveation.displacement_gpu import DisplacementPass
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.foveation.gpu import BlurPass, MetamerPass
 from pipeline.foveation.picture_fixation import PictureFixation
-from pipeline.foveation.pooling import Pooling, make_pooling
+from pipeline.foveation.pooling import MetamerSettings, Pooling, make_pooling
 from pipeline.foveation.reference import blur, metamer
-from pipeline.foveation.settings import MetamerSettings
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.named_classes import Choice
 from pipeline.noise.gpu import NoisePass

@@ -17,7 +17,6 @@ from pipeline.foveation.displacement import (
     warped_metamer,
 )
 from pipeline.foveation.geometry import Equirectangular, Flat, pixel_centres
-from pipeline.foveation.lod import HALVED_VARIANCE, Pools, halving_variance, lod_of
 from pipeline.foveation.noise_plane import GRAIN, noise_plane, noise_tile, panorama_noise
 from pipeline.foveation.pooled_moments import (
     LEAST_TIGHTNESS,
@@ -26,7 +25,15 @@ from pipeline.foveation.pooled_moments import (
     colour_shape,
     wanted_by_blocks,
 )
-from pipeline.foveation.pooling import Pooling, make_pooling
+from pipeline.foveation.pooling import (
+    HALVED_VARIANCE,
+    MetamerSettings,
+    Pooling,
+    Pools,
+    halving_variance,
+    lod_of,
+    make_pooling,
+)
 from pipeline.foveation.reference import (
     FIRST_SMOOTH,
     ROOMY,
@@ -37,7 +44,6 @@ from pipeline.foveation.reference import (
     reach_of,
     shaped_noise,
 )
-from pipeline.foveation.settings import MetamerSettings
 from pipeline.noise.tile import mixed_bands
 from stimuli.score.statistics import statistics_distance
 

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stimuli.media.flow_file import MAGIC
-from stimuli.media.plane_file import _read
+from stimuli.media.plane_file import MAGIC, _read
 
 
 def load_plane(path: Path) -> tuple[NDArray[Any], bool]:

@@ -19,7 +19,7 @@ from pipeline.methods.registry import (
     method_names,
     method_parameters,
 )
-from stimuli.fills import Fills
+from stimuli.clip import Fills
 
 NAMED = [entry.name for entry in METHODS if not entry.takes_path]
 

@@ -12,13 +12,17 @@ from pipeline.features.reference import analyse, band, double, fitted_kernels
 from pipeline.noise import tile
 from pipeline.noise.gains import (
     AIM,
+    LAGS,
     LEAST_GAIN,
     MOST_GAIN,
+    fitted_mixing,
+    measured_variances,
     overlap_by_levels,
+    packed,
     pairs_of,
     spectral_gains,
+    unpacked,
 )
-from pipeline.noise.mixing import LAGS, fitted_mixing, measured_variances, packed, unpacked
 from pipeline.noise.tile import (
     GRAIN,
     TAP_BITS,

@@ -7,7 +7,7 @@ from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.methods.method import PlateMethod
 from pipeline.methods.registry import create_method
-from pipeline.weighted_pullpush.reference import recirculating, weighted_pull_push
+from pipeline.pushpull.reference import recirculating, weighted_pull_push
 
 
 def view(hole, grey, motion_px=0.0, depth_m=4.0) -> WarpedFrame:

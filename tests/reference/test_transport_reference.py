@@ -8,6 +8,7 @@ from pipeline.frame import WarpedFrame
 from pipeline.transport.reference import (
     LEFT_OUT,
     UNREACHED,
+    TransportSettings,
     across_px,
     coherence,
     near_around,
@@ -16,7 +17,6 @@ from pipeline.transport.reference import (
     transport_fill,
     transported,
 )
-from pipeline.transport.settings import TransportSettings
 from pipeline.warp.reference import warp
 
 THRESHOLD = 0.04

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.warp.reference import warp
-from pipeline.warp.rim import without_rim
 from pipeline.warp.settings import TargetWindow, WarpSettings
+from pipeline.warp.speckle import without_rim
 
 FAR, NEAR = 5.0, 2.0
 ALIKE_PX = 2.0

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from pipeline.errors import InputError
-from pipeline.weighted_pullpush.reference import expand, reduce, weighted_pull_push
+from pipeline.pushpull.reference import expand, reduce, weighted_pull_push
 
 ROUNDING = 1e-13  # float64: some dozen roundings of values of at most 1
 WEIGHTS = st.sampled_from([0.0, 0.25, 1.0, 16.0])  # unknown, quality 2, 1 and 1/4 ("super")

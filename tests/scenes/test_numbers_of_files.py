@@ -20,8 +20,7 @@ from pipeline.image_file import read_pixels
 from protocols.recipes.warped_clips import CirclePath, ExrScene, RgbdScene, StereoScene
 from stimuli.exr import load_colour, load_warp_input
 from stimuli.media.exr_parts import read_parts
-from stimuli.media.flow_file import read_flo
-from stimuli.media.plane_file import along_axis, read_depth
+from stimuli.media.plane_file import along_axis, read_depth, read_flo
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.photo import load_depth, open_rgbd, read_pair
 from stimuli.scenes.sequence import load_picture

@@ -14,8 +14,8 @@ from pipeline.foveation.geometry import Equirectangular, Flat
 from stimuli.exr import save_colour
 from stimuli.score.available import split_available
 from stimuli.score.band_ratios import EDGES_DEG, RingEnergies
-from stimuli.score.cache import Cache
 from stimuli.score.foveated import METRICS_OF_FOVEATION, score_foveated, seen_wide
+from stimuli.score.measure_clips import Cache
 from stimuli.score.measured import PairScores
 from stimuli.score.metrics import BLIND, METRICS
 from study_app.cli import app

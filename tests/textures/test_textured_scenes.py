@@ -10,16 +10,14 @@ from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.lod import Pools
-from pipeline.foveation.settings import MetamerSettings
+from pipeline.foveation.pooling import MetamerSettings, Pools
 from pipeline.textures.bake import bake
 from pipeline.textures.baked_file import read_baked
 from pipeline.textures.reference import shade
 from pipeline.textures.surface_noise import surface_noise
 from stimuli.exr import save_colour
 from stimuli.textured.draw_globes import TexturedRenderer
-from stimuli.textured.planet import planet_map
-from stimuli.textured.scenes import SCENES, Globe, TexturedScene
+from stimuli.textured.scenes import SCENES, Globe, TexturedScene, planet_map
 from study_app.cli import app
 
 EDGE_PX = 96

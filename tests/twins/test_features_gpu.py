@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.features.gpu import band_constants
-from pipeline.features.reference import fitted_kernels, halve, range_below
+from pipeline.features.reference import band_constants, fitted_kernels, halve, range_below
 from pipeline.gl.texture import read_back, texture_from
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.reference import guide_from_depth, near_a_hole

@@ -3,7 +3,7 @@
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.gl.timer import Timing, measure
+from pipeline.gl.context import Timing, measure
 
 
 def test_work_is_run_for_warming_up_and_for_every_repeat(gl_context):

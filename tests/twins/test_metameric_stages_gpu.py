@@ -17,7 +17,7 @@ from pipeline.inpaint.reference import (
     push,
 )
 from pipeline.inpaint.regions import STATISTICS_RINGS
-from pipeline.noise.mixing import fitted_mixing
+from pipeline.noise.gains import fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX, noise_bands
 from pipeline.statistics.moments import known_background, moments, noise_variances
 from pipeline.statistics.reference import outlined_levels

@@ -6,7 +6,7 @@ from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import read_back
 from pipeline.methods.registry import create_method
-from pipeline.weighted_pullpush.reference import recirculating
+from pipeline.pushpull.reference import recirculating
 
 WEIGHT = 0.5
 # Both keep what they show in 32768ths: a fill at the border between two may go either way, and so

@@ -6,8 +6,8 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.second_source.gpu import CompletePass
-from pipeline.second_source.reference import completed
+from pipeline.warp.gpu import CompletePass
+from pipeline.warp.reference import completed
 
 
 def frame(rng, height=11, width=19):

@@ -15,8 +15,7 @@ from pipeline.inpaint import regions
 from pipeline.inpaint.regions import SHELLS, WorkLists
 from pipeline.methods.registry import create_method
 from pipeline.transport.gpu import TransportPass
-from pipeline.transport.reference import LEFT_OUT, UNREACHED, transport_fill
-from pipeline.transport.settings import TransportSettings
+from pipeline.transport.reference import LEFT_OUT, UNREACHED, TransportSettings, transport_fill
 
 Z_NEAR_M = 1.0
 ATOL = 2.0**-14  # float32 over a hundred shells: a sixty-fourth of an 8-bit step

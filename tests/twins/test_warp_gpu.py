@@ -29,8 +29,8 @@ from pipeline.warp.reference import (
     with_strips,
     with_thin,
 )
-from pipeline.warp.rim import DIRECTIONS, HOLE_PX, ahead
 from pipeline.warp.settings import VARIANTS, TargetWindow, WarpSettings
+from pipeline.warp.speckle import DIRECTIONS, HOLE_PX, ahead
 
 # Roundoffs of float32. A weight is a quotient of two exact integers: 2 to convert them and 5
 # to divide (GLSL allows 2.5 ulp). Which quad covers a pixel is decided on integers: no slack.

@@ -6,8 +6,8 @@ import pytest
 from benchmarks.shared.dispatches import dispatches_of
 from pipeline.errors import InputError
 from pipeline.gl.texture import create_texture, read_back, texture_from
-from pipeline.weighted_pullpush.gpu import WeightedPullPushPass
-from pipeline.weighted_pullpush.reference import weighted_pull_push
+from pipeline.pushpull.gpu import WeightedPullPushPass
+from pipeline.pushpull.reference import weighted_pull_push
 
 UNIT = 2.0**-24  # float32 rounding
 # Roundings that one level adds to a colour in [0, 1]. Reduce: square 1, weigh 1, sum 3 above and

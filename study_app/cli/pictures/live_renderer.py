@@ -16,9 +16,9 @@ from pipeline.foveation.conditions import Foveator, check_live
 from pipeline.foveation.geometry import Equirectangular, Flat, FlatGeometry
 from pipeline.foveation.gpu import OPAQUE
 from pipeline.foveation.noise_plane import check_seed
+from pipeline.foveation.panorama_gpu import ViewPass
 from pipeline.foveation.picture_pass import CutPass
 from pipeline.foveation.steady_gaze import SteadyGaze
-from pipeline.foveation.view_gpu import ViewPass
 from pipeline.gl.texture import create_texture, texture_bytes, upload
 from pipeline.named_classes import Choice
 from protocols.limits import check_within

@@ -52,7 +52,7 @@ from protocols.recipes.files import read_table as read_stimuli
 from stimuli.exr import load_colour, load_warp_input
 from stimuli.foveated.any_picture import PictureReading, read_any
 from stimuli.media.exr_parts import read_parts
-from stimuli.media.flow_file import read_flo
+from stimuli.media.plane_file import read_flo
 from stimuli.media.png import decode
 from stimuli.one_picture import read_pose
 from stimuli.read_stimulus import read_frames, read_picture

@@ -17,8 +17,7 @@ from benchmarks.shared.pyramid_banks import (
     steerable,
 )
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.lod import Pools
-from pipeline.foveation.pooling import make_pooling
+from pipeline.foveation.pooling import Pools, make_pooling
 
 EDGE = 128
 BANKS = [haar(3), laplacian(3), *(steerable(count, 3) for count in (1, 2, 4, 6))]

@@ -1,1 +1,0 @@
-"""Colours of a second picture in the holes that the first one left."""

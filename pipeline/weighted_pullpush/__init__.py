@@ -1,1 +1,0 @@
-"""Pull-push with squared weights, as a rendering programmer's note of 2009 describes it."""
