@@ -15,12 +15,11 @@ from pipeline.named_classes import Choice
 from stimuli.exr import load_colour, save_colour
 from stimuli.foveated import any_picture
 from stimuli.foveated.any_picture import PictureReading, read_any
-from stimuli.foveated.condition_sheet import _named, usual_choices
+from stimuli.foveated.condition_sheet import _named, draw_pools, ring_eccentricities, usual_choices
 from stimuli.foveated.foveate_files import Outputs, foveate_file
 from stimuli.foveated.foveation_steps import condition_steps
 from stimuli.foveated.gaze_and_display import StatedViewing, look_at, read_gaze
 from stimuli.foveated.moving import shrunk, wandering
-from stimuli.foveated.rings import draw_pools, ring_eccentricities
 from stimuli.media.frames_folder import Reporter
 from study_app.cli import app
 

@@ -13,7 +13,6 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.bounded import BOUND_CONSTANTS
 from pipeline.foveation.drawn import cut_normal
 from pipeline.foveation.geometry import (
     CapGeometry,
@@ -29,6 +28,7 @@ from pipeline.foveation.noise_plane import (
     tile_edge,
 )
 from pipeline.foveation.pooled_moments import (
+    BOUND_CONSTANTS,
     LEAST_BOUND,
     LEAST_SKEWED,
     LEAST_TIGHTNESS,

@@ -15,11 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import RGB_FROM_YCBCR, rgb_from_ycbcr
-from pipeline.foveation.bounded import added
 from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_box, select
 from pipeline.foveation.geometry import pixel_centres
 from pipeline.foveation.noise_plane import noise_plane
-from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, WantedMoments, wanted_by_blocks
+from pipeline.foveation.pooled_moments import (
+    SMALLEST_VARIANCE,
+    WantedMoments,
+    added,
+    wanted_by_blocks,
+)
 from pipeline.foveation.pooling import MetamerSettings, Pools
 from pipeline.foveation.sphere import noise_strength
 from pipeline.frame import Floats
@@ -39,7 +43,7 @@ shared weights would show as a comb."""
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Noise of R'G'B', its deviation, and how far it may lead: see `bounded.added`.
+    """Noise of R'G'B', its deviation, and how far it may lead: see `added`.
 
     Arrays (H, W, 3).
     """

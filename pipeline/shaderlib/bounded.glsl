@@ -1,6 +1,6 @@
-// Noise kept on the display. Twin: foveation/bounded.py. Change both or neither.
+// Noise kept on the display. Twin: added() in foveation/pooled_moments.py. Change both or neither.
 
-#constant FREE               // deviations from the nearest end, see bounded.py
+#constant FREE               // deviations from the nearest end, see pooled_moments.py
 #constant BOUND
 #constant LEAST_VALUE        // of a base, from either end
 #constant MOST_FILLED        // of the variance of the two ends without anything between

@@ -14,8 +14,7 @@ from pipeline.gl.passes import Pass
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.noise.gains import LAGS
 from pipeline.noise.tile import TEXELS_PER_PX, TILE_TEXELS, noise_bands
-from pipeline.statistics.gpu import BANDS, VariancePass
-from pipeline.statistics.low_bands import LowBandPass
+from pipeline.statistics.gpu import BANDS, LowBandPass, VariancePass
 from pipeline.synthesis.reference import SMALLEST_LACKING
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,

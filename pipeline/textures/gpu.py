@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import GLUnavailableError
-from pipeline.foveation.bounded import BOUND_CONSTANTS
 from pipeline.foveation.noise_plane import GRAIN
 from pipeline.foveation.picture_pass import PoolUniforms
+from pipeline.foveation.pooled_moments import BOUND_CONSTANTS
 from pipeline.gl.shader import Constant, flatten
 from pipeline.gl.texture import check_size
 from pipeline.noise.gains import UNSEEN_VARIANCE

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.bounded import added
-from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
+from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, added
 from pipeline.foveation.reference import rgb_slopes
 from pipeline.frame import Bools, Floats
 from pipeline.textures.bake import BakedTexture

@@ -28,8 +28,7 @@ from pipeline.foveation.geometry import Viewing
 from pipeline.foveation.pooled_moments import BLOCK_HALVINGS
 from pipeline.foveation.pooling import Pools
 from stimuli import pictures
-from stimuli.foveated.condition_sheet import ConditionPicture, pooling_of
-from stimuli.foveated.rings import draw_gaze, draw_pools
+from stimuli.foveated.condition_sheet import ConditionPicture, draw_gaze, draw_pools, pooling_of
 from stimuli.pictures import Step
 
 

@@ -20,7 +20,7 @@ from pipeline.foveation.geometry import Equirectangular, Flat, Geometry, Viewing
 from pipeline.named_classes import Choice
 from protocols.disk.whole_file import write_whole
 from stimuli import pictures
-from stimuli.foveated.rings import draw_gaze
+from stimuli.foveated.condition_sheet import draw_gaze
 from stimuli.pictures import Picture
 
 ENDINGS = (".webp", ".png", ".apng")

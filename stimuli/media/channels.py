@@ -20,7 +20,7 @@ Unreal    ``FinalImage.R`` ... or ``R`` ...; ``FinalImageMovieRenderQueue_WorldD
 ========  =============================================================================
 
 Unreal's motion leads back: from a pixel of this frame to where it was, which is exact, while
-the way to the next frame stands in the next file (`stimuli.scenes.follow`).
+the way to the next frame stands in the next file (`stimuli.scenes.sequence`).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
-from stimuli.scenes import plants, shapes, textures
+from stimuli.scenes import shapes, textures
 
 GREY = [(148, 140, 126), (166, 156, 138), (132, 126, 116), (178, 168, 148)]
 
@@ -13,7 +13,7 @@ GREY = [(148, 140, 126), (166, 156, 138), (132, 126, 116), (178, 168, 148)]
 def build(rng: np.random.Generator) -> World:
     """Return the scene."""
     blocks = Material(textures.masonry(rng, 12, 7, GREY, (124, 116, 104), rough=1.4, joint=0.04))
-    foliage = plants.Foliage.grow(
+    foliage = shapes.Foliage.grow(
         rng, count=260, length_px=(60, 110), slender=0.2,
         colours=[(34, 56, 30), (48, 72, 36), (62, 86, 44), (78, 98, 54)],
     )  # fmt: skip
@@ -38,10 +38,10 @@ def build(rng: np.random.Generator) -> World:
             height = float(_hill(np.array(x), np.array(z)))
             rocks.append(shapes.boulder(rng, radius, 1.2).moved(x, height + 0.1 * radius, z))
     parts.append(MeshPart(Mesh.joined(rocks), rock))
-    places = plants.scattered(rng, 150, (-9, -16), (9, -3.2))
+    places = shapes.scattered(rng, 150, (-9, -16), (9, -3.2))
     places = places[np.abs(places[:, 0] - 0.6) > 1.5]
     places[:, 1] = _hill(places[:, 0], places[:, 2]) - 0.02
-    parts.append(plants.tufts(rng, foliage.tuft, places, (0.25, 0.6)))
+    parts.append(shapes.tufts(rng, foliage.tuft, places, (0.25, 0.6)))
     return World(
         tuple(parts),
         Viewpoint((0.0, 1.75, 0.5), (0.3, 2.75, -10.0), 46.0),
@@ -155,7 +155,7 @@ def _parapet(blocks: Material) -> list[MeshPart]:
 
 def _pine(
     rng: np.random.Generator,
-    foliage: plants.Foliage,
+    foliage: shapes.Foliage,
     foot: tuple[float, float, float],
     height: float,
 ) -> list[MeshPart]:

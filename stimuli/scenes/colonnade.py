@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
-from stimuli.scenes import plants, shapes, textures
+from stimuli.scenes import shapes, textures
 
 PALE = [(196, 182, 154), (208, 196, 170), (184, 170, 146), (200, 190, 168)]
 OCHRE = [(182, 150, 108), (198, 166, 122), (170, 140, 104), (188, 160, 124)]
@@ -28,7 +28,7 @@ def build(rng: np.random.Generator) -> World:
     for x in (-6.9, -2.3, 2.3, 6.9):
         parts += _niche(rng, x)
     pot = Material(textures.plaster(rng, (176, 104, 72)))
-    foliage = plants.Foliage.grow(
+    foliage = shapes.Foliage.grow(
         rng, count=150, length_px=(60, 110), colours=[(58, 86, 36), (80, 108, 46), (104, 128, 62)]
     )
     profile = [(0.0, 0.0), (0.2, 0.0), (0.27, 0.2), (0.31, 0.45), (0.36, 0.5), (0.35, 0.56),
@@ -41,7 +41,7 @@ def build(rng: np.random.Generator) -> World:
     ):
         body = shapes.lathe(np.asarray(profile) * scale, 1.0)
         parts.append(MeshPart(body.moved(x, 0, z), pot))
-        parts += plants.bush(rng, foliage, (x, 0.45 * scale, z), 0.5 * scale, cards=80)
+        parts += shapes.bush(rng, foliage, (x, 0.45 * scale, z), 0.5 * scale, cards=80)
     return World(
         tuple(parts),
         Viewpoint((0.0, 1.6, 0.6), (0.35, 1.75, -6.0), 46.0),

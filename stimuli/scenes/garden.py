@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
-from stimuli.scenes import plants, shapes, textures
+from stimuli.scenes import shapes, textures
 
 RED_BRICK = [(128, 70, 52), (150, 84, 60), (164, 102, 74), (138, 78, 64)]
 
 
 def build(rng: np.random.Generator) -> World:
     """Return the scene."""
-    foliage = plants.Foliage.grow(rng)
+    foliage = shapes.Foliage.grow(rng)
     light_leaf = Material(
         textures.leaves(rng, 150, (60, 110), [(96, 122, 44), (122, 142, 60), (142, 152, 76)]),
         cutout=True, translucency=0.6,
     )  # fmt: skip
-    hedge = plants.Foliage(foliage.bark, light_leaf, foliage.tuft)
+    hedge = shapes.Foliage(foliage.bark, light_leaf, foliage.tuft)
     parts = [
         MeshPart(
             shapes.ground((-22, -30), (22, 4), 0.3, 2.2, _rolling), Material(textures.lawn(rng))
@@ -32,20 +32,20 @@ def build(rng: np.random.Generator) -> World:
     parts += _fence(rng)
     for x, z, height in ((-6.0, -12.5, 6.5), (5.6, -11.5, 5.6), (-1.6, -19.0, 9.5),
                          (9.5, -20.0, 10.0), (-11.0, -21.0, 11.0), (3.8, -24.0, 11.0)):  # fmt: skip
-        parts += plants.tree(rng, foliage, (x, 0, z), height, cards=170)
+        parts += shapes.tree(rng, foliage, (x, 0, z), height, cards=170)
     for x, z, radius in ((-3.6, -14.0, 0.95), (-2.0, -14.2, 0.7), (1.4, -14.0, 0.9),
                          (2.9, -14.2, 0.75), (7.6, -13.6, 1.1), (-8.6, -13.8, 1.2)):  # fmt: skip
-        parts += plants.bush(rng, hedge, (x, 0, z), radius)
+        parts += shapes.bush(rng, hedge, (x, 0, z), radius)
     for colour, count in (((226, 222, 214), 20), ((214, 92, 110), 16), ((232, 186, 60), 14)):
         flowers = Material(textures.blades(rng, 34, heads=colour), cutout=True, translucency=0.5)
-        bed = plants.scattered(rng, count, (-5.0, -5.6), (5.0, -4.5))
+        bed = shapes.scattered(rng, count, (-5.0, -5.6), (5.0, -4.5))
         bed = bed[np.abs(bed[:, 0] - 0.9) > 0.8]
-        parts.append(plants.tufts(rng, flowers, bed, (0.45, 0.85)))
-    verge = plants.scattered(rng, 130, (-8, -13.0), (8, -5.0))
+        parts.append(shapes.tufts(rng, flowers, bed, (0.45, 0.85)))
+    verge = shapes.scattered(rng, 130, (-8, -13.0), (8, -5.0))
     verge = verge[np.abs(verge[:, 0] - 0.9) > 0.9]
-    parts.append(plants.tufts(rng, foliage.tuft, verge, (0.15, 0.32)))
-    near = plants.scattered(rng, 26, (-3.4, -3.4), (3.4, -2.9))
-    parts.append(plants.tufts(rng, foliage.tuft, near, (0.3, 0.6)))
+    parts.append(shapes.tufts(rng, foliage.tuft, verge, (0.15, 0.32)))
+    near = shapes.scattered(rng, 26, (-3.4, -3.4), (3.4, -2.9))
+    parts.append(shapes.tufts(rng, foliage.tuft, near, (0.3, 0.6)))
     return World(
         tuple(parts),
         Viewpoint((0.0, 1.45, 0.0), (0.25, 1.02, -6.0), 42.0),

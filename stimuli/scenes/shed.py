@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 
 from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
-from stimuli.scenes import plants, shapes, textures
+from stimuli.scenes import shapes, textures
 
 FIELD_STONE = [(128, 120, 108), (150, 140, 124), (110, 104, 96), (162, 152, 134)]
 
 
 def build(rng: np.random.Generator) -> World:
     """Return the scene."""
-    foliage = plants.Foliage.grow(rng)
+    foliage = shapes.Foliage.grow(rng)
     boards = Material(textures.planks(rng, 7, (122, 92, 64)))
     beams = Material(textures.planks(rng, 3, (92, 70, 50)))
     parts = [
@@ -34,12 +34,12 @@ def build(rng: np.random.Generator) -> World:
     parts += _rope_fence(rng, beams)
     for x, z, height in ((-7.2, -12.5, 7.5), (8.2, -13.5, 8.5), (3.0, -24, 12.0), (-13, -26, 13.0),
                          (16, -30, 14.0), (-4, -32, 13.0)):  # fmt: skip
-        parts += plants.tree(rng, foliage, (x, 0, z), height, cards=160)
-    weeds = plants.scattered(rng, 60, (-6.5, -9.5), (6.5, -4.5))
+        parts += shapes.tree(rng, foliage, (x, 0, z), height, cards=160)
+    weeds = shapes.scattered(rng, 60, (-6.5, -9.5), (6.5, -4.5))
     weeds = weeds[(np.abs(weeds[:, 0] - 0.6) > 2.6) | (weeds[:, 2] > -5.2)]
-    parts.append(plants.tufts(rng, foliage.tuft, weeds, (0.18, 0.45)))
-    near = plants.scattered(rng, 14, (-3, -3.3), (3, -2.6))
-    parts.append(plants.tufts(rng, foliage.tuft, near, (0.25, 0.5)))
+    parts.append(shapes.tufts(rng, foliage.tuft, weeds, (0.18, 0.45)))
+    near = shapes.scattered(rng, 14, (-3, -3.3), (3, -2.6))
+    parts.append(shapes.tufts(rng, foliage.tuft, near, (0.25, 0.5)))
     return World(
         tuple(parts),
         Viewpoint((-0.4, 1.55, 0.3), (0.2, 1.35, -6.0), 44.0),

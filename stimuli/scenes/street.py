@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
-from stimuli.scenes import plants, shapes, textures
+from stimuli.scenes import shapes, textures
 
 HALF_ROAD_M, HALF_STREET_M = 2.7, 5.4
 AHEAD_M, BEHIND_M = -27.0, 15.0  # z of the facades that close the street
@@ -524,11 +524,11 @@ def _loft(
 
 def _trees(rng: np.random.Generator) -> list[MeshPart]:
     """Street trees in the pavement."""
-    foliage = plants.Foliage.grow(rng)
+    foliage = shapes.Foliage.grow(rng)
     parts: list[MeshPart] = []
     for x, z, height in ((-3.75, -7.2, 5.2), (3.8, -16.6, 5.8), (-3.8, -21.5, 5.6),
                          (3.75, 9.3, 5.2)):  # fmt: skip
-        parts += plants.tree(
+        parts += shapes.tree(
             rng, foliage, (x, 0.1, z), height, trunk_m=0.1, crown_share=0.5, cards=130, card_m=0.75
         )
     return parts

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
-from stimuli.scenes import plants, shapes, textures
+from stimuli.scenes import shapes, textures
 
 
 def build(rng: np.random.Generator) -> World:
     """Return the scene."""
-    foliage = plants.Foliage.grow(rng)
+    foliage = shapes.Foliage.grow(rng)
     sprays = Material(
         textures.leaves(rng, 26, (150, 240), [(92, 122, 40), (116, 142, 54), (140, 156, 70)]),
         cutout=True, translucency=0.7,
@@ -34,13 +34,13 @@ def build(rng: np.random.Generator) -> World:
         height = float(_floor(np.array(x), np.array(z)))
         rocks.append(shapes.boulder(rng, radius, 1.1).moved(x, height + 0.15 * radius, z))
     parts.append(MeshPart(Mesh.joined(rocks), rock))
-    places = plants.scattered(rng, 170, (-9, -20), (9, -3.4))
+    places = shapes.scattered(rng, 170, (-9, -20), (9, -3.4))
     places[:, 1] = _floor(places[:, 0], places[:, 2]) - 0.03
-    parts.append(plants.tufts(rng, ferns, places, (0.3, 0.8)))
+    parts.append(shapes.tufts(rng, ferns, places, (0.3, 0.8)))
     for _ in range(26):
         x, z = rng.uniform(-16, 16), rng.uniform(-34, -13)
         height = float(_floor(np.array(x), np.array(z)))
-        parts += plants.bush(rng, foliage, (x, height, z), rng.uniform(0.7, 1.7), cards=40)
+        parts += shapes.bush(rng, foliage, (x, height, z), rng.uniform(0.7, 1.7), cards=40)
     return World(
         tuple(parts),
         Viewpoint((0.0, 1.5, 0.6), (0.1, 1.45, -6.0), 46.0),
@@ -57,7 +57,7 @@ def _floor(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     return np.asarray(bumps + 0.045 * np.clip(-z - 6, 0, None))
 
 
-def _trunks(rng: np.random.Generator, foliage: plants.Foliage) -> list[MeshPart]:
+def _trunks(rng: np.random.Generator, foliage: shapes.Foliage) -> list[MeshPart]:
     parts: list[MeshPart] = []
     near = ((-1.9, -5.2, 0.15), (2.1, -6.2, 0.19), (0.75, -8.6, 0.13), (-3.6, -9.0, 0.22),
             (4.3, -10.0, 0.2), (-0.9, -11.5, 0.16))  # fmt: skip

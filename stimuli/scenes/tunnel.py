@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
-from stimuli.scenes import plants, shapes, textures
+from stimuli.scenes import shapes, textures
 
 SOOTY = [(104, 66, 52), (124, 78, 58), (92, 62, 54), (136, 90, 68)]
 HALF_M = 2.3
@@ -21,7 +21,7 @@ def build(rng: np.random.Generator) -> World:
     ballast = Material(
         textures.pebbles(rng, [(22, 20, 18), (78, 72, 66), (124, 116, 106), (190, 182, 170)])
     )
-    foliage = plants.Foliage.grow(rng)
+    foliage = shapes.Foliage.grow(rng)
     parts = [
         MeshPart(shapes.ground((-2.6, -LENGTH_M), (2.6, 3), 0.25, 1.1), ballast),
         MeshPart(_vault(), brick),
@@ -35,9 +35,9 @@ def build(rng: np.random.Generator) -> World:
     parts += _clutter(rng, metal, wood)
     for x, z, height in ((-5.2, -24.0, 8.0), (5.6, -26, 9.0), (-1.8, -38, 11.0), (2.6, -44, 12.0),
                          (-9.0, -40, 12.0), (10.0, -42, 12.0)):  # fmt: skip
-        parts += plants.tree(rng, foliage, (x, _rise(x), z), height, cards=150)
+        parts += shapes.tree(rng, foliage, (x, _rise(x), z), height, cards=150)
     for side, z, radius in ((-2.3, -18.6, 0.9), (2.7, -19.5, 1.0), (-3.4, -22, 1.2)):
-        parts += plants.bush(rng, foliage, (side, _rise(side), z), radius)
+        parts += shapes.bush(rng, foliage, (side, _rise(side), z), radius)
     return World(
         tuple(parts),
         Viewpoint((-0.25, 1.55, 1.0), (0.1, 1.45, -6.0), 46.0),

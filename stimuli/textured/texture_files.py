@@ -22,9 +22,9 @@ from pipeline.textures.footprints import COLOUR_BYTES, saved, touched
 from pipeline.textures.layout import MOMENT_BYTES, Layout
 from protocols.disk.whole_file import whole_file
 from stimuli import pictures
+from stimuli.foveated.condition_sheet import draw_gaze
 from stimuli.foveated.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
 from stimuli.foveated.moving import save_moving
-from stimuli.foveated.rings import draw_gaze
 from stimuli.media.frames_folder import SILENT, Reporter
 from stimuli.textured.draw_globes import GLOBE_CONDITIONS, TexturedRenderer
 from stimuli.textured.scenes import TexturedScene, open_textured_scene, planet_map

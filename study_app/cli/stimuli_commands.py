@@ -108,7 +108,7 @@ def check(
 
 
 def _probe(folder: Path, clips: list[str] | None) -> None:
-    from stimuli.probe import probe_batch
+    from stimuli.check import probe_batch
 
     with progress_line("reading frames") as report:
         findings = probe_batch(

@@ -12,8 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 from stimuli.build import build
+from stimuli.check import probe_batch
 from stimuli.media.png import decode
-from stimuli.probe import probe_batch
 from study_app.cli.stimuli_commands import app
 
 SPOILED = "box__small__telea"

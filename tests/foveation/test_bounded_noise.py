@@ -22,9 +22,9 @@ from pipeline.compression.codec import CompressionSettings, compress, decoded_ba
 from pipeline.compression.gpu import DecompressPass
 from pipeline.denoising.gpu import DenoisePass
 from pipeline.denoising.maps import maps_of, metamer_of
-from pipeline.foveation.bounded import added, slope_of
 from pipeline.foveation.conditions import foveate
 from pipeline.foveation.geometry import Flat
+from pipeline.foveation.pooled_moments import added, slope_of
 from pipeline.foveation.pooling import MetamerSettings, Pooling, Pools
 from pipeline.foveation.reference import finished, metamer, metamer_parts
 from pipeline.noise.gains import fitted_mixing

@@ -11,13 +11,13 @@ from skimage import data
 
 from benchmarks.shared.dispatches import dispatches_of
 from pipeline.errors import InputError
-from pipeline.foveation.bounded import STEEPEST
 from pipeline.foveation.conditions import Foveator, foveate
 from pipeline.foveation.displacement import DisplacementSettings, eidolon, warped_metamer
 from pipeline.foveation.displacement_gpu import DisplacementPass
 from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.foveation.gpu import BlurPass, MetamerPass
 from pipeline.foveation.picture_fixation import PictureFixation
+from pipeline.foveation.pooled_moments import STEEPEST
 from pipeline.foveation.pooling import MetamerSettings, Pooling, make_pooling
 from pipeline.foveation.reference import blur, metamer
 from pipeline.gl.texture import create_texture, read_back, texture_from

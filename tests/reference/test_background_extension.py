@@ -5,8 +5,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from pipeline.methods.background_extension import BackgroundExtension
-from pipeline.walks import parallax_direction
+from pipeline.methods.background_extension import BackgroundExtension, parallax_direction
 
 NEAR_M, FAR_M = 2.0, 4.0
 

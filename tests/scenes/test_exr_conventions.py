@@ -15,8 +15,7 @@ from protocols.recipes.warped_clips import CirclePath, ExrScene, UpsamplingPath
 from stimuli.exr import Channels, load_warp_input
 from stimuli.rendering.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import build_scene
-from stimuli.scenes.follow import turned_round
-from stimuli.scenes.sequence import load_picture, open_sequence
+from stimuli.scenes.sequence import load_picture, open_sequence, turned_round
 
 CIRCLE = CirclePath(kind="circle")
 UP = UpsamplingPath(kind="upsampling", real_every=2, along=CIRCLE)

@@ -8,7 +8,7 @@ from pipeline.gl.texture import read_back, texture_from
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.reference import guide_from_depth, near_a_hole
 from pipeline.inpaint.regions import STATISTICS_RINGS
-from pipeline.statistics.low_bands import MIXED, LowBandPass
+from pipeline.statistics.gpu import MIXED, LowBandPass
 
 ROUNDOFF = 2.0**-24  # of one float32 operation
 # A tap's difference and weight, the sum of a pair, a product, a sum, three sums of rows: 8

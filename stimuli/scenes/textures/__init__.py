@@ -4,8 +4,7 @@ Every texture repeats without a seam, is uint8 of shape (N, N, 4) in encoded R'G
 coverage, and is a pure function of the generator it is given.
 """
 
-from stimuli.scenes.textures.foliage import blades, leaves
-from stimuli.scenes.textures.ground_and_sky import earth, lawn, panorama, pebbles
+from stimuli.scenes.textures.foliage import blades, earth, lawn, leaves, panorama, pebbles
 from stimuli.scenes.textures.surface_noise_and_photographs import (
     SIZE_PX,
     Colour,
