@@ -203,7 +203,7 @@ def _one_session(
     for trial, attempt in decided.items():
         main = attempt.role == "main"
         order += main
-        row = about | _decision_row(attempt, study)
+        row = about | _common(attempt, study) | {"included": 1, "exclusion": ""}
         decisions.append(row | {"order": order if main else None, "attempts": tries[trial]})
     answers: list[dict[str, object]] = [
         {
@@ -308,7 +308,3 @@ def _attempt_row(attempt: Attempt, study: StudyProtocol) -> dict[str, object]:
         "gaze_mean_deg": gaze.mean_deg if gaze else None,
         "gaze_max_deg": gaze.max_deg if gaze else None,
     }
-
-
-def _decision_row(attempt: Attempt, study: StudyProtocol) -> dict[str, object]:
-    return _common(attempt, study) | {"included": 1, "exclusion": ""}

@@ -31,7 +31,7 @@ from analysis.models.clustered import two_way
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.observers import check_observers
 from analysis.models.paired.bradley_terry_mixed import paired_model
-from analysis.models.paired.paired_counts import Model, pair_index, probability
+from analysis.models.paired.paired_counts import pair_index, probability
 from analysis.models.scaling import scale
 from analysis.models.trends import trend
 from analysis.parts.preferences import PreferencesPart
@@ -205,8 +205,8 @@ def timings() -> list[Timing]:
         from_protocol(load_protocol(Path("inpainting-2afc"))), (PreferencesPart(),)
     )
 
-    def bootstrap(model: Model) -> Callable[[], object]:
-        return lambda: bootstrap_scores(votes, rng=rng, samples=1000, model=model)
+    def bootstrap() -> object:
+        return bootstrap_scores(votes, rng=rng, samples=1000)
 
     def simulated(participants: list[int] | None, studies: int) -> Callable[[], object]:
         return lambda: power(
@@ -214,8 +214,7 @@ def timings() -> list[Timing]:
         )
 
     return [
-        time_it("1,000 JOD bootstraps, 6 conditions x 11 observers", bootstrap("thurstone"), 30),
-        time_it("the same, Bradley-Terry", bootstrap("bradley-terry"), 30),
+        time_it("1,000 JOD bootstraps, 6 conditions x 11 observers", bootstrap, 30),
         time_it("power: 10,000 studies of 11 participants", simulated([11], 10_000), 5),
         time_it("power: 10,000 studies, whole curve to 40", simulated(None, 10_000), 3),
     ]

@@ -10,7 +10,7 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 from analysis.arrays import Floats, Ints
 from analysis.models.clustered import holm, least_p
 from analysis.models.numeric import zeroed
-from analysis.models.paired.paired_counts import Model, fit_scores, pair_index
+from analysis.models.paired.paired_counts import fit_scores, pair_index
 from protocols.prose import count_of
 
 FEW_CLUSTERS = 5
@@ -56,7 +56,6 @@ def bootstrap_scores(
     *,
     rng: np.random.Generator,
     samples: int = 1000,
-    model: Model = "thurstone",
     scenes: bool = True,
 ) -> Floats:
     """Draw participants (and scenes) with replacement and fit each draw.
@@ -79,7 +78,7 @@ def bootstrap_scores(
     """
     people = draws(wins.shape[0], samples, rng)
     places = draws(wins.shape[1] if scenes else 1, samples, rng)
-    return drawn_scores(wins, people, np.broadcast_to(places, (samples, wins.shape[1])), model)
+    return drawn_scores(wins, people, np.broadcast_to(places, (samples, wins.shape[1])))
 
 
 def draws(count: int, samples: int, rng: np.random.Generator) -> Ints:
@@ -87,7 +86,7 @@ def draws(count: int, samples: int, rng: np.random.Generator) -> Ints:
     return rng.multinomial(count, np.full(count, 1 / count), samples)
 
 
-def drawn_scores(wins: Floats, people: Ints, scenes: Ints, model: Model = "thurstone") -> Floats:
+def drawn_scores(wins: Floats, people: Ints, scenes: Ints) -> Floats:
     """Fit each draw: how often (samples, participants) and (samples, scenes) were drawn."""
     participants, scene_count, count, _ = wins.shape
     first, second = pair_index(count)
@@ -97,7 +96,7 @@ def drawn_scores(wins: Floats, people: Ints, scenes: Ints, model: Model = "thurs
         "bs,bsv->bv", scenes.astype(np.float64), by_person.reshape(len(people), scene_count, -1)
     )
     won, lost = drawn[:, : first.size], drawn[:, first.size :]
-    return fit_scores(won, lost, count, model)
+    return fit_scores(won, lost, count)
 
 
 def bootstrap_scale(
@@ -106,7 +105,6 @@ def bootstrap_scale(
     rng: np.random.Generator,
     samples: int = 1000,
     level: float = 0.95,
-    model: Model = "thurstone",
     scenes: bool = True,
 ) -> ScaleIntervals:
     """Bootstrap intervals of scores that respect participants and scenes.
@@ -130,7 +128,7 @@ def bootstrap_scale(
     participants, scene_count = wins.shape[:2]
     if participants < 2:
         raise ValueError(f"wins must hold at least two participants (got {participants})")
-    scores = bootstrap_scores(wins, rng=rng, samples=samples, model=model, scenes=scenes)
+    scores = bootstrap_scores(wins, rng=rng, samples=samples, scenes=scenes)
     whole = np.isfinite(scores).all(axis=1)
     scores = scores[whole]
     if scores.shape[0] < 20:

@@ -9,7 +9,6 @@ from analysis.arrays import Floats
 from analysis.models.numeric import ROUNDING
 from analysis.models.paired.paired_counts import (
     JOD_SIGMA,
-    Model,
     fit_scores,
     log_probability,
     pair_index,
@@ -70,7 +69,6 @@ def check_observers(
     *,
     rng: np.random.Generator,
     alpha: float = 0.05,
-    model: Model = "thurstone",
     studies: int = 400,
 ) -> ObserverCheck:
     """Compare each observer with the scale of all others.
@@ -99,16 +97,16 @@ def check_observers(
         return ObserverCheck(names, none, one, none, one, 0.0, (), (), alpha, (note,))
     first, second = pair_index(conditions)
     won, shown = wins[:, first, second], wins[:, first, second] + wins[:, second, first]
-    spread, scores = _matched_spread(won, shown, conditions, model, rng)
-    short, agreement = _judged(won, shown, conditions, model)
+    spread, scores = _matched_spread(won, shown, conditions, rng)
+    short, agreement = _judged(won, shown, conditions)
     distance = _apart(short)
     studies = max(FEWEST_STUDIES, min(studies, MOST_OBSERVERS // count))
 
     def simulated(spread: float, scores: Floats) -> tuple[Floats, Floats]:
         personal = scores + spread * _tastes(rng, (studies, count, conditions))
-        share = probability(personal[..., first] - personal[..., second], model)
+        share = probability(personal[..., first] - personal[..., second], "thurstone")
         clean = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
-        return _judged(clean, shown, conditions, model)
+        return _judged(clean, shown, conditions)
 
     largest = _apart(simulated(spread, scores)[0]).max(axis=-1)
     p = (1 + (largest[:, None] >= distance - ROUNDING).sum(axis=0)) / (studies + 1)
@@ -116,7 +114,7 @@ def check_observers(
     if float(agreement.min()) < -ROUNDING:
         # Who answers the other way round must not set how much people differ.
         others = np.arange(count) != np.argmax(agreement <= agreement.min() + ROUNDING)
-        rest = _matched_spread(won[others], shown[others], conditions, model, rng)
+        rest = _matched_spread(won[others], shown[others], conditions, rng)
         least = simulated(*rest)[1].min(axis=-1)
         reversed_p = (1 + (least[:, None] <= agreement + ROUNDING).sum(axis=0)) / (studies + 1)
     return ObserverCheck(
@@ -133,14 +131,14 @@ def check_observers(
     )
 
 
-def _judged(won: Floats, shown: Floats, conditions: int, model: Model) -> tuple[Floats, Floats]:
+def _judged(won: Floats, shown: Floats, conditions: int) -> tuple[Floats, Floats]:
     """Return standardised shortfall and agreement (..., observers) under leave-one-out scales."""
     rest_won = won.sum(axis=-2, keepdims=True) - won
     rest_shown = np.broadcast_to(shown.sum(axis=-2, keepdims=True) - shown, won.shape)
-    scores = fit_scores(rest_won, rest_shown - rest_won, conditions, model, tolerance=1e-5)
+    scores = fit_scores(rest_won, rest_shown - rest_won, conditions, tolerance=1e-5)
     first, second = pair_index(conditions)
     difference = scores[..., first] - scores[..., second]
-    yes, no = log_probability(difference, model), log_probability(-difference, model)
+    yes, no = log_probability(difference, "thurstone"), log_probability(-difference, "thurstone")
     share = np.exp(yes)
     found = (won * yes + (shown - won) * no).sum(axis=-1)
     expected = (shown * (share * yes + (1.0 - share) * no)).sum(axis=-1)
@@ -164,18 +162,13 @@ def _apart(distance: Floats) -> Floats:
     return np.asarray((distance - centre) / (1.0 + deviation))
 
 
-def _noise(model: Model) -> float:
-    """Standard deviation of the answer noise on the scale's unit."""
-    return JOD_SIGMA if model == "thurstone" else float(np.pi / np.sqrt(3.0))
-
-
 def _tastes(rng: np.random.Generator, shape: tuple[int, int, int]) -> Floats:
     """Draw how observers differ, with variance 1 and the tails of people."""
     return np.asarray(rng.standard_t(TAIL_DF, shape) / np.sqrt(TAIL_DF / (TAIL_DF - 2.0)))
 
 
 def _matched_spread(
-    won: Floats, shown: Floats, conditions: int, model: Model, rng: np.random.Generator
+    won: Floats, shown: Floats, conditions: int, rng: np.random.Generator
 ) -> tuple[float, Floats]:
     """Return the spread between observers whose simulated studies look as spread, and the scale.
 
@@ -185,27 +178,27 @@ def _matched_spread(
     """
     first, second = pair_index(conditions)
     total_shown = shown.sum(axis=0)
-    scores = fit_scores(won.sum(axis=0), total_shown - won.sum(axis=0), conditions, model)
+    scores = fit_scores(won.sum(axis=0), total_shown - won.sum(axis=0), conditions)
 
     def widened(spread: float) -> Floats:
         # Answers averaged over observers who differ understate the distances each of them sees.
-        return np.asarray(scores * np.sqrt(1.0 + 2.0 * (spread / _noise(model)) ** 2))
+        return np.asarray(scores * np.sqrt(1.0 + 2.0 * (spread / JOD_SIGMA) ** 2))
 
     drawn = _tastes(rng, (SPREAD_STUDIES, won.shape[0], conditions))
     seen = []
     for spread in SPREADS:
         own = widened(spread) + spread * drawn
-        share = probability(own[..., first] - own[..., second], model)
+        share = probability(own[..., first] - own[..., second], "thurstone")
         clean = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
         sums = clean.sum(axis=1)
-        fitted = fit_scores(sums, total_shown - sums, conditions, model, tolerance=1e-5)
-        seen.append(float(np.nanmean(_excess(clean, shown, fitted, model))))
-    goal = float(_excess(won, shown, scores, model))
+        fitted = fit_scores(sums, total_shown - sums, conditions, tolerance=1e-5)
+        seen.append(float(np.nanmean(_excess(clean, shown, fitted))))
+    goal = float(_excess(won, shown, scores))
     spread = float(np.interp(goal, np.maximum.accumulate(seen), SPREADS))
     return spread, widened(spread)
 
 
-def _excess(won: Floats, shown: Floats, scores: Floats, model: Model) -> Floats:
+def _excess(won: Floats, shown: Floats, scores: Floats) -> Floats:
     """Return moments (...) of how much more observers differ than their trials make them.
 
     An observer's count of a pair varies as n p q + n (n - 1) f² 2 spread², f the slope of the
@@ -214,9 +207,9 @@ def _excess(won: Floats, shown: Floats, scores: Floats, model: Model) -> Floats:
     first, second = pair_index(scores.shape[-1])
     difference = scores[..., first] - scores[..., second]
     step = 1e-4
-    slope = (probability(difference + step, model) - probability(difference - step, model)) / (
-        2.0 * step
-    )
+    slope = (
+        probability(difference + step, "thurstone") - probability(difference - step, "thurstone")
+    ) / (2.0 * step)
     count = won.shape[-2]
     share = won.sum(axis=-2) / np.maximum(shown.sum(axis=0), 1.0)
     expected = shown * share[..., None, :]

@@ -121,7 +121,8 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
     first, second = pair_index(count)
     won, lost = votes[first, second], votes[second, first]
     solution = solve_pairs(difference_design(count), won, lost, model)
-    scores, covariance = _from_information(solution.parameters, solution.information)
+    covariance = np.asarray(np.linalg.inv(solution.information), dtype=np.float64)
+    scores, covariance = _centred(solution.parameters, covariance)
     if not bool(solution.converged):
         warnings = (*warnings, "the fit did not converge: its scores are left out")
         scores = np.full_like(scores, np.nan)
@@ -212,11 +213,7 @@ def _finite_votes(votes: Floats) -> tuple[Floats, tuple[str, ...]]:
     )
 
 
-def _from_information(parameters: Floats, information: Floats) -> tuple[Floats, Floats]:
-    return centred(parameters, np.asarray(np.linalg.inv(information), dtype=np.float64))
-
-
-def centred(parameters: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+def _centred(parameters: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     """Put back the first score, shift the mean to zero."""
     count = parameters.size + 1
     free = np.concatenate([[0.0], parameters])

@@ -10,7 +10,7 @@ import pandas as pd
 from analysis.models.contrasts import Difference
 from analysis.models.right_answers import Rate
 from analysis.parts import Part, Presentation
-from analysis.parts.shared import apa_difference, decisive, planned_family
+from analysis.parts.shared import apa_difference, decides, planned_family
 from analysis.plans.rate_plan import RatePlan
 from analysis.report.wording import (
     leading,
@@ -76,7 +76,7 @@ class ComparisonsPart(Part[RatePlan, PlannedTests]):
     def planned_p(self, found: PlannedTests, plan: RatePlan) -> float | None:
         """Return the least p of the planned comparisons; of a single condition its own."""
         if found.differences:
-            return min(_decides(one, plan) for one in found.differences)
+            return min(decides(one, plan) for one in found.differences)
         return found.instead[0].p if len(found.instead) == 1 and not plan.adaptive else None
 
     def show(self, found: PlannedTests, plan: RatePlan) -> Presentation:
@@ -106,13 +106,9 @@ class ComparisonsPart(Part[RatePlan, PlannedTests]):
         )
 
 
-def _decides(one: Difference, plan: RatePlan) -> float:
-    return decisive(one, adjusted=plan.correction == "holm")
-
-
 def _said(one: Difference, plan: RatePlan) -> str:
     """Return a comparison with the baseline in short; adjusted p decides if it is asked for."""
-    p = _decides(one, plan)
+    p = decides(one, plan)
     between = f"{plan.label(one.first)} against {plan.label(one.second)}"
     level = f"{level_text(one.level)} {number_range(one.lower, one.upper)}"
     word = "they differ" if p < plan.alpha else "no difference is shown"

@@ -166,7 +166,11 @@ class InteractionPart(Part[P, Interactions]):
                     f"Changes between values of {factor}",
                     every,
                     ("Of", "l c", lambda one: _between(one, plan)),
-                    ("Values", "l", lambda one: _values_of(one, plan)),
+                    (
+                        "Values",
+                        "l",
+                        lambda one: f"{plan.label(one.gap.first)} - {plan.label(one.gap.second)}",
+                    ),
                     ("In", "l", lambda one: one.gap.measure),
                     ("Change", "strong", lambda one: placed(one.gap, one.gap.difference)),
                     (
@@ -502,10 +506,6 @@ def _notes(
 
 def _between(one: Side | Interaction, plan: PreferencePlan | RatePlan) -> str:
     return " / ".join(plan.label(name) for name in (one.first, one.second) if name)
-
-
-def _values_of(one: Interaction, plan: PreferencePlan | RatePlan) -> str:
-    return f"{plan.label(one.gap.first)} - {plan.label(one.gap.second)}"
 
 
 def _apa(one: Interaction, plan: PreferencePlan | RatePlan) -> str:

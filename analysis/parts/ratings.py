@@ -26,6 +26,7 @@ from analysis.parts.shared import (
     apa_test,
     between,
     compared,
+    decides,
     decisive,
     limits,
     mean_differences_p,
@@ -108,7 +109,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
 
     def planned_p(self, found: RatingResults, plan: RatingPlan) -> float | None:
         """Return the least p of the comparisons."""
-        every = (_decides(one, plan) for one in found.model.contrasts)
+        every = (decides(one, plan) for one in found.model.contrasts)
         return min((p for p in every if p >= 0), default=None)
 
     def families(self, cells: pd.DataFrame, plan: RatingPlan) -> Sequence[FamilyOfTests]:
@@ -137,7 +138,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
                 one.difference,
                 one.lower,
                 one.upper,
-                _decides(one, plan),
+                decides(one, plan),
                 count,
             )
             for one in found.model.contrasts
@@ -150,7 +151,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
         holm = plan.correction == "holm"
         own = [decisive(one, adjusted=False) for one in model.contrasts]
         first = model.contrasts[min(range(len(own)), key=lambda k: (math.isnan(own[k]), own[k]))]
-        count = sum(_decides(one, plan) < plan.alpha for one in model.contrasts)
+        count = sum(decides(one, plan) < plan.alpha for one in model.contrasts)
         differ = f"{count} of {len(own)} comparisons differ"
         if len(own) < 2:
             differ = "They differ" if count else "No difference is shown"
@@ -182,10 +183,6 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
                 PartFigure("ratings", caption, partial(ratings_plot, model, shares=not pairs)),
             ),
         )
-
-
-def _decides(one: RatingDifference, plan: RatingPlan) -> float:
-    return decisive(one, adjusted=plan.correction == "holm")
 
 
 def _family(count: int, plan: RatingPlan) -> FamilyOfTests:

@@ -18,6 +18,7 @@ from analysis.models.right_answers import Rate
 from analysis.parts import AnalysisPlan, Estimate
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
+from analysis.plans.rating_plan import RatingPlan
 from analysis.report.wording import (
     NONE,
     df_text,
@@ -82,6 +83,11 @@ def decisive(one: Comparison, *, adjusted: bool = True) -> float:
     if isinstance(one, RatingDifference | TimeRatio) and not math.isnan(one.ratio_p):
         return one.ratio_p_adjusted if adjusted else one.ratio_p
     return one.p_adjusted if adjusted else one.p
+
+
+def decides(one: Comparison, plan: RatePlan | RatingPlan) -> float:
+    """Return that p, adjusted where the plan asks for it."""
+    return decisive(one, adjusted=plan.correction == "holm")
 
 
 def ratio_told(plan: AnalysisPlan) -> str:
@@ -218,7 +224,7 @@ def difference_estimates(
             one.difference,
             one.lower,
             one.upper,
-            decisive(one, adjusted=plan.correction == "holm"),
+            decides(one, plan),
             trials[one.first] + trials[one.second],
         )
         for one in several

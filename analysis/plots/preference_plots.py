@@ -26,9 +26,9 @@ from analysis.plots.style import (
     null_line,
     row_in,
     share_axis,
-    share_text,
     wrapped,
 )
+from analysis.report.wording import share
 
 Label = Callable[[str], str]
 
@@ -101,11 +101,11 @@ def preference_bars(
                 zorder=5,
                 clip_on=False,
             )
-            numbers.text(0.0, y, share_text(cell.estimate.share), va="center", fontweight="bold")
+            numbers.text(0.0, y, share(cell.estimate.share), va="center", fontweight="bold")
             numbers.text(
                 0.34,
                 y,
-                f"[{share_text(cell.estimate.lower)}, {share_text(cell.estimate.upper)}]",
+                f"[{share(cell.estimate.lower)}, {share(cell.estimate.upper)}]",
                 va="center",
             )
         null_line(axes, 0.5)

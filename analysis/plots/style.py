@@ -129,12 +129,6 @@ def legend_columns(labels: Sequence[str], width_in: float) -> int:
     return max(1, min(2 if narrow else 4, len(labels), int(width_in / entry_in)))
 
 
-def share_text(value: float) -> str:
-    """Print a share as the papers do: two digits, no leading zero."""
-    text = f"{value:.2f}"
-    return text[1:] if text.startswith("0") else text
-
-
 def limits_text(level: float) -> str:
     """Return the name of lines and whiskers with limits on figures."""
     return f"{100 * level:g} % limits"

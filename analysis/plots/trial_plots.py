@@ -24,8 +24,8 @@ from analysis.plots.style import (
     own_dots,
     row_in,
     share_axis,
-    share_text,
 )
+from analysis.report.wording import share
 
 Label = Callable[[str], str]
 
@@ -70,7 +70,7 @@ def heat_map(
             bar.set_label("Share")
         axes.invert_yaxis()
         for (row, column), value in np.ndenumerate(shares) if every == 1 else ():
-            text = "-" if np.isnan(value) else share_text(float(value))
+            text = "-" if np.isnan(value) else share(float(value))
             axes.text(
                 column,
                 row,
@@ -103,7 +103,7 @@ def bias_bars(
     with new_figure(width_in, 0.7 + 0.4 * len(biases), simulated=simulated) as figure:
         axes = figure.subplots()
         for y, bias in enumerate(biases):
-            own_dots(axes, y, [share for _, share in bias.by_participant])
+            own_dots(axes, y, [one for _, one in bias.by_participant])
             interval(axes, y, bias.share, bias.lower, bias.upper)
         null_line(axes, 0.5)
         share_axis(axes, "Share picked")

@@ -66,15 +66,13 @@ def misfits(
     conditions: pd.Series,
     population: Population,
     rng: np.random.Generator,
-    *,
-    correct: str = "correct",
 ) -> tuple[tuple[Misfit, ...], Floats]:
     """Compare answers with studies that the fitted model simulates.
 
     Parameters
     ----------
     trials : DataFrame, one row per decided trial
-        ``participant``, `level_column`, `correct` (0/1), and ``scene`` where the model has scenes.
+        ``participant``, `level_column`, ``correct``, and ``scene`` where the model has scenes.
     conditions : Series (trials,)
         Names of the model's conditions.
 
@@ -93,7 +91,7 @@ def misfits(
     chosen from the answers are taken as given.
     """
     counts = _Counts.of(trials, level_column, conditions, population)
-    right = counts.in_cells(counts.in_rows(trials[correct].to_numpy(np.float64))[None])
+    right = counts.in_cells(counts.in_rows(trials["correct"].to_numpy(np.float64))[None])
     predicted = counts.predicted(right)
     studies = int(np.clip(MOST_COUNTS // counts.eta.size, *STUDIES))
     drawn = counts.simulated(studies, rng)

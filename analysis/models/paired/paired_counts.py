@@ -135,10 +135,8 @@ def solve_pairs(
     )
 
 
-def fit_scores(
-    won: Floats, lost: Floats, count: int, model: Model, *, tolerance: float = 1e-6
-) -> Floats:
-    """Fit many vote tables at once; pseudo-votes only where a table has no finite maximum.
+def fit_scores(won: Floats, lost: Floats, count: int, *, tolerance: float = 1e-6) -> Floats:
+    """Fit many vote tables in JOD at once; pseudo-votes only where a table has no finite maximum.
 
     Parameters
     ----------
@@ -162,7 +160,7 @@ def fit_scores(
     scores = np.full((*won.shape[:-1], count), np.nan)
     if linked.any():
         design = difference_design(count)
-        solution = solve_pairs(design, won[linked], lost[linked], model, tolerance=tolerance)
+        solution = solve_pairs(design, won[linked], lost[linked], "thurstone", tolerance=tolerance)
         free = np.concatenate(
             [np.zeros((solution.parameters.shape[0], 1)), solution.parameters], axis=1
         )

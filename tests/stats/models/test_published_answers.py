@@ -27,7 +27,7 @@ from analysis.models.paired.paired_counts import JOD_SIGMA, difference_design, p
 from analysis.models.preference import preferences
 from analysis.models.psychometric import CurveForm, fit_psychometric
 from analysis.models.scaling import scale
-from analysis.plots.style import share_text
+from analysis.report.wording import share
 from analysis.tables.decisions import read_decisions
 
 Reader = Callable[..., pd.DataFrame]
@@ -57,7 +57,7 @@ def test_figure_10_p_values_and_limits(expected: Answers):
     figure = expected["fig10_metameric_inpainting"]
     for label, counts in figure["counts_consistent_with_rounding"].items():
         for count in counts:  # the figure prints the share of the right-hand label
-            assert share_text(count / figure["n"]) == label.split()[-1]
+            assert share(count / figure["n"]) == label.split()[-1]
     for count, p in figure["binom_p"].items():
         found = stats.binomtest(int(count), 132)
         assert found.pvalue == pytest.approx(p, rel=1e-5)

@@ -91,7 +91,7 @@ def test_it_is_the_maximum_of_the_analysis_where_answers_are_many(rng):
     wins = votes(rng, np.array([1.5, 0.5, 0.0, -2.0]), 4000)
     first, second = analysed.pair_index(4)
 
-    scores = analysed.fit_scores(wins[first, second], wins[second, first], 4, "thurstone")
+    scores = analysed.fit_scores(wins[first, second], wins[second, first], 4)
 
     np.testing.assert_allclose(posterior(wins, prior_sd_jod=50.0).mean, scores, atol=1e-3)
 
