@@ -337,7 +337,7 @@ def simulate_votes(
     own = quality + observer_sd * taste
     own = own + rng.normal(0, scene_sd, (1, scenes, count))
     first, second = pair_index(count)
-    answers = rng.binomial(repeats, probability(own[..., first] - own[..., second], "thurstone"))
+    answers = rng.binomial(repeats, probability(own[..., first] - own[..., second]))
     votes = np.zeros((people, scenes, count, count))
     votes[..., first, second] = answers
     votes[..., second, first] = repeats - answers

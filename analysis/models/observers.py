@@ -104,7 +104,7 @@ def check_observers(
 
     def simulated(spread: float, scores: Floats) -> tuple[Floats, Floats]:
         personal = scores + spread * _tastes(rng, (studies, count, conditions))
-        share = probability(personal[..., first] - personal[..., second], "thurstone")
+        share = probability(personal[..., first] - personal[..., second])
         clean = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
         return _judged(clean, shown, conditions)
 
@@ -138,7 +138,7 @@ def _judged(won: Floats, shown: Floats, conditions: int) -> tuple[Floats, Floats
     scores = fit_scores(rest_won, rest_shown - rest_won, conditions, tolerance=1e-5)
     first, second = pair_index(conditions)
     difference = scores[..., first] - scores[..., second]
-    yes, no = log_probability(difference, "thurstone"), log_probability(-difference, "thurstone")
+    yes, no = log_probability(difference), log_probability(-difference)
     share = np.exp(yes)
     found = (won * yes + (shown - won) * no).sum(axis=-1)
     expected = (shown * (share * yes + (1.0 - share) * no)).sum(axis=-1)
@@ -188,7 +188,7 @@ def _matched_spread(
     seen = []
     for spread in SPREADS:
         own = widened(spread) + spread * drawn
-        share = probability(own[..., first] - own[..., second], "thurstone")
+        share = probability(own[..., first] - own[..., second])
         clean = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
         sums = clean.sum(axis=1)
         fitted = fit_scores(sums, total_shown - sums, conditions, tolerance=1e-5)
@@ -207,9 +207,7 @@ def _excess(won: Floats, shown: Floats, scores: Floats) -> Floats:
     first, second = pair_index(scores.shape[-1])
     difference = scores[..., first] - scores[..., second]
     step = 1e-4
-    slope = (
-        probability(difference + step, "thurstone") - probability(difference - step, "thurstone")
-    ) / (2.0 * step)
+    slope = (probability(difference + step) - probability(difference - step)) / (2.0 * step)
     count = won.shape[-2]
     share = won.sum(axis=-2) / np.maximum(shown.sum(axis=0), 1.0)
     expected = shown * share[..., None, :]

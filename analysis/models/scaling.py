@@ -1,4 +1,4 @@
-"""Scales from paired comparisons: Bradley-Terry logits and Thurstone Case V JODs."""
+"""Scales from paired comparisons: Thurstone Case V, in JOD."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,6 @@ from analysis.arrays import Floats
 from analysis.models.numeric import chi_squared_p
 from analysis.models.paired.paired_counts import (
     PSEUDO_VOTES,
-    Model,
     components,
     difference_design,
     has_maximum,
@@ -26,7 +25,7 @@ class Scale:
     Attributes
     ----------
     model, unit : str
-        "bradley-terry" in logits or "thurstone" in JOD (1 JOD = 75 % of the answers).
+        "thurstone", in JOD (1 JOD = 75 % of the answers).
     conditions : tuple of str
     scores : ndarray (k,)
         Mean zero.
@@ -42,7 +41,7 @@ class Scale:
         When not to trust the scores.
     """
 
-    model: Model
+    model: str
     unit: str
     conditions: tuple[str, ...]
     scores: Floats
@@ -91,7 +90,7 @@ class Contrast:
     clustered_p_adjusted: float | None = None
 
 
-def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -> Scale:
+def scale(wins: Floats, conditions: Sequence[str]) -> Scale:
     """Fit scores to a table of votes by maximum likelihood.
 
     Parameters
@@ -100,7 +99,6 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
         ``wins[i, j]`` votes for i over j. Ties may be entered as half a vote each way.
         The diagonal is ignored.
     conditions : sequence of str
-    model : "thurstone" (JOD, Case V) or "bradley-terry" (logits)
 
     Raises
     ------
@@ -112,7 +110,7 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
     -----
     Where some condition always won or always lost, the maximum is at infinity (Ford 1957); half
     a vote is then added to both sides of each compared pair, and the result says so.
-    Bradley and Terry 1952; Thurstone 1927, Case V; 1 JOD as in Perez-Ortiz and Mantiuk 2017.
+    Thurstone 1927, Case V; 1 JOD as in Perez-Ortiz and Mantiuk 2017.
     """
     votes = checked_votes(wins, conditions)
     names = tuple(conditions)
@@ -120,7 +118,7 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
     count = len(names)
     first, second = pair_index(count)
     won, lost = votes[first, second], votes[second, first]
-    solution = solve_pairs(difference_design(count), won, lost, model)
+    solution = solve_pairs(difference_design(count), won, lost)
     covariance = np.asarray(np.linalg.inv(solution.information), dtype=np.float64)
     scores, covariance = _centred(solution.parameters, covariance)
     if not bool(solution.converged):
@@ -133,8 +131,8 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
     fit_df = int(np.count_nonzero(total)) - (count - 1)
     equal = max(0.0, 2.0 * (float(solution.log_likelihood) + float(total.sum()) * np.log(2.0)))
     return Scale(
-        model=model,
-        unit="logit" if model == "bradley-terry" else "JOD",
+        model="thurstone",
+        unit="JOD",
         conditions=names,
         scores=scores,
         covariance=covariance,
@@ -149,9 +147,7 @@ def scale(wins: Floats, conditions: Sequence[str], model: Model = "thurstone") -
     )
 
 
-def contrasts(
-    wins: Floats, conditions: Sequence[str], model: Model = "thurstone"
-) -> tuple[Contrast, ...]:
+def contrasts(wins: Floats, conditions: Sequence[str]) -> tuple[Contrast, ...]:
     """Test every two conditions for equal scores by likelihood ratio, one degree of freedom.
 
     `wins` (k, k) and `conditions` are as for `scale`, and so is what it raises.
@@ -163,14 +159,14 @@ def contrasts(
     full = np.zeros((first.size, count))
     full[np.arange(first.size), first] = 1.0
     full[np.arange(first.size), second] = -1.0
-    free = solve_pairs(full[:, 1:], won, lost, model)
+    free = solve_pairs(full[:, 1:], won, lost)
     scores = np.concatenate([[0.0], free.parameters])
     found = []
     for i, j in combinations(range(count), 2):
         merged = full.copy()
         merged[:, i] += merged[:, j]
         keep = [column for column in range(count) if column not in (i, j)]
-        tied = solve_pairs(merged[:, keep], won, lost, model)
+        tied = solve_pairs(merged[:, keep], won, lost)
         statistic = max(0.0, 2.0 * float(free.log_likelihood - tied.log_likelihood))
         found.append(
             Contrast(

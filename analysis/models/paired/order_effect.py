@@ -77,11 +77,11 @@ def order_effect(
         np.asarray(np.einsum("bp,bs,psv->bv", *weight, votes), dtype=np.float64)
         for votes in (won, lost)
     )
-    whole = solve_pairs(design, won.sum(axis=(0, 1)), lost.sum(axis=(0, 1)), "thurstone")
+    whole = solve_pairs(design, won.sum(axis=(0, 1)), lost.sum(axis=(0, 1)))
     if not bool(whole.converged):
         raise ValueError("the place in the pair decided all answers")
     linked = _bounded(drawn_won, drawn_lost, count)
-    drawn = solve_pairs(design, drawn_won[linked], drawn_lost[linked], "thurstone", tolerance=1e-6)
+    drawn = solve_pairs(design, drawn_won[linked], drawn_lost[linked], tolerance=1e-6)
     values = drawn.parameters[drawn.converged, -1]
     if values.size < LEAST_DRAWN:
         raise ValueError("too few bootstrap samples have a finite maximum")

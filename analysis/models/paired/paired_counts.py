@@ -7,16 +7,13 @@ answers. Leading axes are batches, so a thousand bootstrap samples are one call.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.special import expit, log_expit, log_ndtr, ndtri
+from scipy.special import log_ndtr, ndtri
 
 from analysis.arrays import Bools, Floats
-
-Model = Literal["bradley-terry", "thurstone"]
 
 JOD_SIGMA = float(1.0 / ndtri(0.75))
 """Standard deviation that makes a difference of 1 JOD mean 75 % of the answers."""
@@ -62,37 +59,29 @@ def difference_design(count: int) -> Floats:
     return design[:, 1:]
 
 
-def log_probability(difference: Floats, model: Model) -> Floats:
+def log_probability(difference: Floats) -> Floats:
     """Return the log probability that the first of a pair is chosen."""
-    if model == "bradley-terry":
-        return np.asarray(log_expit(difference), dtype=np.float64)
     return np.asarray(log_ndtr(difference / JOD_SIGMA), dtype=np.float64)
 
 
-def probability(difference: Floats, model: Model) -> Floats:
+def probability(difference: Floats) -> Floats:
     """Return the probability that the first of a pair is chosen."""
-    return np.asarray(np.exp(log_probability(np.asarray(difference), model)))
+    return np.asarray(np.exp(log_probability(np.asarray(difference))))
 
 
 def solve_pairs(
-    design: Floats,
-    wins: Floats,
-    losses: Floats,
-    model: Model,
-    *,
-    tolerance: float = 1e-10,
+    design: Floats, wins: Floats, losses: Floats, *, tolerance: float = 1e-10
 ) -> PairSolution:
-    """Maximise the likelihood of paired comparisons by damped Newton steps, in batches.
+    """Maximise Thurstone's likelihood of paired comparisons by damped Newton steps, in batches.
 
-    Both likelihoods are concave, so the maximum is unique where it exists; whether it exists
-    is the caller's question (`has_maximum`).
+    It is concave, so the maximum is unique where it exists; whether it exists is the
+    caller's question (`has_maximum`).
 
     Parameters
     ----------
     design : ndarray (pairs, parameters)
     wins, losses : ndarray (..., pairs)
         How often the first and the second of each pair were chosen. Weights may be fractions.
-    model : "bradley-terry" (logits) or "thurstone" (JOD)
 
     Notes
     -----
@@ -106,17 +95,16 @@ def solve_pairs(
     parameters = np.zeros((first.shape[0], size))
     outer = (design[:, :, None] * design[:, None, :]).reshape(design.shape[0], size * size)
     active = np.arange(first.shape[0])
-    limit = 2.0 if model == "bradley-terry" else 2.0 * JOD_SIGMA
     converged = np.zeros(first.shape[0], dtype=bool)
     for _ in range(60):
         slope, curvature = _derivatives(
-            parameters[active] @ design.T, first[active], second[active], model
+            parameters[active] @ design.T, first[active], second[active]
         )
         information = (curvature @ outer).reshape(active.size, size, size)
         step = _solve(information, slope @ design)
         largest = np.abs(step).max(axis=-1, initial=0.0)
         # Far from the maximum a full step may overshoot; near it the limit is never reached.
-        step *= np.minimum(1.0, limit / np.maximum(largest, 1e-300))[:, None]
+        step *= np.minimum(1.0, 2.0 * JOD_SIGMA / np.maximum(largest, 1e-300))[:, None]
         parameters[active] += step
         done = largest < tolerance
         converged[active[done]] = True
@@ -124,9 +112,9 @@ def solve_pairs(
         if active.size == 0:
             break
     difference = parameters @ design.T
-    likelihood = first * log_probability(difference, model)
-    likelihood += second * log_probability(-difference, model)
-    _, curvature = _derivatives(difference, first, second, model)
+    likelihood = first * log_probability(difference)
+    likelihood += second * log_probability(-difference)
+    _, curvature = _derivatives(difference, first, second)
     return PairSolution(
         parameters=parameters.reshape(*batch, size),
         log_likelihood=likelihood.sum(axis=-1).reshape(batch),
@@ -160,7 +148,7 @@ def fit_scores(won: Floats, lost: Floats, count: int, *, tolerance: float = 1e-6
     scores = np.full((*won.shape[:-1], count), np.nan)
     if linked.any():
         design = difference_design(count)
-        solution = solve_pairs(design, won[linked], lost[linked], "thurstone", tolerance=tolerance)
+        solution = solve_pairs(design, won[linked], lost[linked], tolerance=tolerance)
         free = np.concatenate(
             [np.zeros((solution.parameters.shape[0], 1)), solution.parameters], axis=1
         )
@@ -197,14 +185,8 @@ def components(compared: Bools, names: Sequence[str]) -> tuple[tuple[str, ...], 
     )
 
 
-def _derivatives(
-    difference: Floats, first: Floats, second: Floats, model: Model
-) -> tuple[Floats, Floats]:
+def _derivatives(difference: Floats, first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Return the slope and minus the curvature of the log likelihood in each difference."""
-    if model == "bradley-terry":
-        share = expit(difference)
-        total = first + second
-        return first - total * share, total * share * (1.0 - share)
     scaled = difference / JOD_SIGMA
     log_density = -0.5 * scaled * scaled - _HALF_LOG_TWO_PI
     up = np.exp(log_density - log_ndtr(scaled))

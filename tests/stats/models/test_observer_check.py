@@ -20,7 +20,7 @@ def study(rng, *, spread, odd=None, people=11, trials=24, tail_df=None):
         own[0] = 0.0
     if odd == "reversed":
         own[0] = -quality
-    share = probability(own[:, first] - own[:, second], "thurstone")
+    share = probability(own[:, first] - own[:, second])
     answers = rng.binomial(trials, share)
     votes = np.zeros((people, 3, 3))
     votes[:, first, second], votes[:, second, first] = answers, trials - answers

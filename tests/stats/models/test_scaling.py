@@ -27,33 +27,6 @@ def test_two_conditions_at_75_percent_are_one_jod_apart():
     assert fitted.unit == "JOD"
 
 
-def test_bradley_terry_of_two_conditions_is_the_log_odds_with_its_textbook_error():
-    fitted = scale(np.array([[0, 30], [10, 0]]), ("a", "b"), "bradley-terry")
-    scores, errors = fitted.relative_to("b")
-
-    assert scores[0] == pytest.approx(np.log(3.0), abs=1e-9)
-    assert errors[0] == pytest.approx(np.sqrt(1 / 30 + 1 / 10), abs=1e-9)
-
-
-def test_bradley_terry_solves_its_own_estimating_equations():
-    """By hand: at the maximum every condition's expected wins equal its observed wins."""
-    wins = np.array([[0, 7, 9], [3, 0, 6], [1, 4, 0]], dtype=float)
-    fitted = scale(wins, NAMES3, "bradley-terry")
-
-    share = probability(fitted.scores[:, None] - fitted.scores[None, :], "bradley-terry")
-    np.fill_diagonal(share, 0.0)
-    np.testing.assert_allclose(((wins + wins.T) * share).sum(axis=1), wins.sum(axis=1), atol=1e-8)
-
-
-def test_a_cycle_with_one_extra_vote_has_the_known_maximum():
-    """a over b twice, b over c, c over a: c in the middle by symmetry, a above b."""
-    fitted = scale(np.array([[0, 2, 0], [0, 0, 1], [1, 0, 0]]), NAMES3, "bradley-terry")
-
-    assert fitted.scores[2] == pytest.approx(0.0, abs=1e-9)
-    d = fitted.scores[0]  # 2 (1 - F(2d)) = 2 F(2d) - ... solved: 2 (1 - F(2d)) = F(d)
-    assert 2 * (1 - 1 / (1 + np.exp(-2 * d))) == pytest.approx(1 / (1 + np.exp(-d)), abs=1e-8)
-
-
 @pytest.mark.parametrize("votes", [1e2, 1e4, 1e6, 1e9])
 def test_scores_do_not_depend_on_how_many_votes_the_shares_come_from(votes):
     shares = np.array([[0, 0.8, 0.999], [0.2, 0, 0.9], [0.001, 0.1, 0]])
@@ -120,21 +93,19 @@ def test_a_batch_gives_what_its_entries_give_alone(seed):
     won, lost = rng.integers(1, 20, (5, 6)).astype(float), rng.integers(1, 20, (5, 6)).astype(float)
     design = difference_design(4)
 
-    together = solve_pairs(design, won, lost, "thurstone").parameters
-    alone = [
-        solve_pairs(design, k, n, "thurstone").parameters for k, n in zip(won, lost, strict=True)
-    ]
+    together = solve_pairs(design, won, lost).parameters
+    alone = [solve_pairs(design, k, n).parameters for k, n in zip(won, lost, strict=True)]
 
     np.testing.assert_allclose(together, np.stack(alone), atol=1e-9)
 
 
 def test_likelihood_ratio_of_two_conditions_is_the_textbook_one():
     """By hand: 30 of 40 against one half, G² = 2 Σ O log(O / E)."""
-    (found,) = contrasts(np.array([[0, 30], [10, 0]]), ("a", "b"), "bradley-terry")
+    (found,) = contrasts(np.array([[0, 30], [10, 0]]), ("a", "b"))
 
     by_hand = 2 * (30 * np.log(30 / 20) + 10 * np.log(10 / 20))
     assert found.statistic == pytest.approx(by_hand, abs=1e-8)
-    fitted = scale(np.array([[0, 30], [10, 0]]), ("a", "b"), "bradley-terry")
+    fitted = scale(np.array([[0, 30], [10, 0]]), ("a", "b"))
     assert fitted.equal_statistic == pytest.approx(by_hand, abs=1e-8)
 
 
@@ -156,7 +127,7 @@ def _votes(
         + rng.normal(0, scene_spread, (1, scenes, 3))
     )
     first, second = np.triu_indices(3, 1)
-    share = probability(own[..., first] - own[..., second], "thurstone")
+    share = probability(own[..., first] - own[..., second])
     answers = rng.binomial(repeats, share)
     votes = np.zeros((people, scenes, 3, 3))
     votes[..., first, second] = answers
