@@ -11,7 +11,7 @@ BENCHMARKS = {
     "live": "pictures that follow the gaze: CPU time, frames per second, latency, memory",
     "foveate_bands": "metamers by bands, orientations, levels, kernels: quality, time",
     "foveate_quality": "foveated pictures: band ratios, statistics, seeds, a moving gaze",
-    "compress": "compressed pictures at equal size: statistics, fovea, time of decoding",
+    "compress": "compressed pictures at equal size: statistics, fovea",
     "textures": "bytes of a texture that foveation saves, by law, cap and bytes a level",
     "quality": "every fill method on stereo pairs: PSNR, SSIM, high frequencies, bands",
     "fit_kernels": "nothing: fits the kernels of the pyramid, and their errors",
@@ -22,7 +22,7 @@ BENCHMARKS = {
     "stimuli": "frames per second of clips, two processes against one",
     "scores": "every built-in scene on three paths, by every metric of `stimuli score`",
     "session": "a whole simulated session",
-    "adaptive": "adaptive trials: recovery of thresholds and scores beside other packages, speed",
+    "adaptive": "adaptive trials: recovery of thresholds and scores beside other packages",
     "analysis": "bootstraps, power and false positives of the statistics",
 }
 

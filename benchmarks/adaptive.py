@@ -1,4 +1,4 @@
-"""Recovery and speed of adaptive trials: `python -m benchmarks.adaptive`.
+"""Recovery of thresholds and scores by adaptive trials: `script/bench adaptive`.
 
 Simulated observers answer by the same uniform numbers whoever chooses the level: our rules, and
 those of maintained packages where Python finds them: questplus (GPL) for QUEST+, SweetSpot (CC0)
@@ -11,14 +11,10 @@ from __future__ import annotations
 
 import argparse
 import os
-import platform
 import random
-import statistics
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from functools import partial
-from importlib import import_module, metadata
+from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
@@ -28,8 +24,7 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import spearmanr
 
 from benchmarks.shared.estimates import of_posterior, of_reversals
-from benchmarks.shared.machine import processor
-from benchmarks.shared.output import file_to_write, write_record
+from benchmarks.shared.output import conditions, file_to_write, processor, write_record
 from protocols.adaptive import active_pairs, quest_plus, up_down
 from protocols.adaptive.psychometric_function import probability, slope_of
 from protocols.adaptive.quest_plus import Axis, Grid
@@ -433,74 +428,6 @@ def _choose_asap(seed: int, conditions: int) -> Chooser:
     return choose
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Milliseconds of one call, median and longest of several."""
-
-    call: str
-    median_ms: float
-    worst_ms: float
-    runs: int
-
-
-def timings() -> list[Timing]:
-    """Time what happens between two trials, or two batches."""
-    people = observers(1, QUEST_TRIALS, 0.5, seed=21)
-    fine = Grid(
-        levels=tuple(float(level) for level in np.linspace(0.0, 20.0, 61)),
-        threshold=Axis(tuple(float(value) for value in np.linspace(2.0, 18.0, 61))),
-        width=Axis(tuple(float(value) for value in np.linspace(1.0, 15.0, 15))),
-        guess=Axis((0.4, 0.45, 0.5, 0.55)),
-        lapse=Axis((0.0, 0.02, 0.04, 0.06, 0.08)),
-    )
-    rows = []
-    for grid in (quest_grid(yes_no=False), fine):
-        history = [
-            (level, people.answers(0, trial, level))
-            for trial, level in enumerate(run_quest(people, grid).level[0].tolist())
-        ]
-        points = int(np.prod(grid.size))
-        name = f"QUEST+, 40 answers, {len(grid.levels)} levels, {points:,} grid points"
-        rows.append(_time(name, partial(quest_plus.next_level, history, grid), 50))
-    track = up_down_rules()["3 in a row"]
-    people = observers(1, UP_DOWN_TRIALS, 0.5, seed=22)
-    steps = [
-        (level, people.answers(0, trial, level))
-        for trial, level in enumerate(run_up_down(people, track).level[0].tolist())
-    ]
-    rows.append(_time("up-down, 60 answers", lambda: up_down.next_level(steps, track), 50))
-    rng = np.random.default_rng(25)
-    truth = rng.uniform(0.0, 8.0, 100)
-    wins = np.zeros((100, 100))
-    for batch in range(10):
-        for i, j in active_pairs.next_batch(wins, Chance(batch)):
-            first = rng.random() < ndtr((truth[i] - truth[j]) / active_pairs.JOD_SIGMA)
-            wins[(i, j) if first else (j, i)] += 1
-    name = "active pairs, a batch of 100 conditions after 10"
-    rows.append(_time(name, lambda: active_pairs.next_batch(wins, Chance(10)), 20))
-    return rows
-
-
-def _time(call: str, job: Callable[[], object], runs: int) -> Timing:
-    job()
-    times_ms = []
-    for _ in range(runs):
-        began = time.perf_counter()
-        job()
-        times_ms.append(1e3 * (time.perf_counter() - began))
-    return Timing(call, statistics.median(times_ms), max(times_ms), runs)
-
-
-def _versions() -> dict[str, str | None]:
-    found: dict[str, str | None] = {}
-    for name in ("numpy", "scipy", "questplus", "SweetSpot", "psychopy"):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = None
-    return found
-
-
 def _print(rows: list[Any]) -> None:
     tables = [
         {
@@ -528,7 +455,6 @@ def main(argv: list[str]) -> int:
     share = 10 if arguments.quick else 1
     print(f"{processor()}, {os.cpu_count()} cores, revision {code_revision()}")
     tables: dict[str, list[Any]] = {
-        "timings": timings(),
         "recovery": recoveries(OBSERVERS // share),
         "pairs": pair_recoveries(30 // share),
     }
@@ -536,20 +462,10 @@ def main(argv: list[str]) -> int:
         _print(rows)
     if arguments.json:
         result = {
-            "processor": processor(),
-            "cores": os.cpu_count(),
-            "python": platform.python_version(),
-            "libraries": _versions(),
-            "revision": code_revision(),
+            **conditions("numpy", "scipy", "questplus", "SweetSpot", "psychopy"),
             "width": WIDTH,
             "lapse": LAPSE,
             **{name: [asdict(row) for row in rows] for name, rows in tables.items()},
         }
         write_record(arguments.json, result)
     return 0
-
-
-if __name__ == "__main__":
-    import sys
-
-    sys.exit(main(sys.argv[1:]))

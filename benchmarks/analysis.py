@@ -1,4 +1,4 @@
-"""Speed and error rates of the statistics: `python -m benchmarks.analysis`.
+"""Error rates of the statistics, and speed of a bootstrap: `python -m benchmarks.analysis`.
 
 The rates are the full simulations behind the moderate ones in `tests/stats`. With `--quick` a
 tenth of them.
@@ -8,15 +8,11 @@ from __future__ import annotations
 
 import argparse
 import os
-import platform
 import statistics
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import metadata
 from itertools import product
 from pathlib import Path
 
@@ -34,14 +30,10 @@ from analysis.models.paired.bradley_terry_mixed import paired_model
 from analysis.models.paired.paired_counts import pair_index, probability
 from analysis.models.scaling import scale
 from analysis.models.trends import trend
-from analysis.parts.preferences import PreferencesPart
 from analysis.parts.times import TimesPart
-from analysis.plans.preference_plan import from_protocol
-from analysis.power import power
-from analysis.simulations import Choices, mean_logit
+from analysis.simulations import mean_logit
 from analysis.tasks import analysis_of
-from benchmarks.shared.machine import processor
-from benchmarks.shared.output import file_to_write, write_record
+from benchmarks.shared.output import conditions, file_to_write, processor, write_record
 from protocols.load import load_protocol
 from protocols.revision import code_revision
 
@@ -163,20 +155,6 @@ class TimesPower:
 
 
 @dataclass(frozen=True)
-class AnalysisCost:
-    """CPU seconds and peak memory of reading and analysing one table, in a process of its own.
-
-    Without figures, the page and the tables that a report writes.
-    """
-
-    study: str
-    decisions: int
-    read_cpu_s: float
-    analyse_cpu_s: float
-    peak_mib: float
-
-
-@dataclass(frozen=True)
 class LearningRates:
     """False positives of trend tests where each participant drifts their own way."""
 
@@ -186,38 +164,18 @@ class LearningRates:
     between_participants: float
 
 
-def time_it(name: str, job: Callable[[], object], runs: int) -> Timing:
-    """Run a job several times after one warm-up."""
-    job()
-    times = []
-    for _ in range(runs):
-        began = time.perf_counter()
-        job()
-        times.append(1e3 * (time.perf_counter() - began))
-    return Timing(name, statistics.median(times), min(times), max(times), runs)
-
-
 def timings() -> list[Timing]:
-    """Time what has an aim."""
+    """Time 1,000 bootstraps of a scale, as README tells it, after one warm-up."""
     rng = np.random.default_rng(0)
     votes = simulate_votes(rng, np.linspace(1.0, -1.0, 6), 0.5, 0.3)
-    simulation = Choices(
-        from_protocol(load_protocol(Path("inpainting-2afc"))), (PreferencesPart(),)
-    )
-
-    def bootstrap() -> object:
-        return bootstrap_scores(votes, rng=rng, samples=1000)
-
-    def simulated(participants: list[int] | None, studies: int) -> Callable[[], object]:
-        return lambda: power(
-            simulation, {"rate": 0.65}, participants=participants, studies=studies, rng=rng
-        )
-
-    return [
-        time_it("1,000 JOD bootstraps, 6 conditions x 11 observers", bootstrap, 30),
-        time_it("power: 10,000 studies of 11 participants", simulated([11], 10_000), 5),
-        time_it("power: 10,000 studies, whole curve to 40", simulated(None, 10_000), 3),
-    ]
+    times = []
+    for _ in range(31):
+        began = time.perf_counter()
+        bootstrap_scores(votes, rng=rng, samples=1000)
+        times.append(1e3 * (time.perf_counter() - began))
+    times = times[1:]
+    name = "1,000 JOD bootstraps, 6 conditions x 11 observers"
+    return [Timing(name, statistics.median(times), min(times), max(times), len(times))]
 
 
 def simulate_shares(
@@ -457,8 +415,8 @@ def paired_rates(scale_down: int) -> list[PairedRates]:
         studies = 1000 // scale_down
         tests: list[list[bool]] = []
         for _ in range(studies):
-            table = made_up_decisions(rng, *shape, 3, 1, participant_sd, scene_sd)
-            found = paired_model(table, METHODS[:3]).contrasts
+            table = made_up_decisions(rng, *shape, participant_sd, scene_sd)
+            found = paired_model(table, METHODS).contrasts
             for one in found[:1]:
                 z = one.estimate / one.standard_error
                 family = min(c.p_adjusted for c in found)
@@ -510,7 +468,7 @@ def times_power(scale_down: int) -> list[TimesPower]:
     return rows
 
 
-METHODS = tuple(f"m{number:02d}" for number in range(12))
+METHODS = ("m00", "m01", "m02")
 
 
 def made_up_decisions(
@@ -518,24 +476,17 @@ def made_up_decisions(
     people: int,
     scenes: int,
     repeats: int,
-    methods: int,
-    sizes: int,
     participant_sd: float,
     scene_sd: float,
-    best: float = 0.0,
 ) -> pd.DataFrame:
-    """Draw decisions between methods whose log odds fall from `best` to -best."""
-    first, second = pair_index(methods)
-    ranges = (range(n) for n in (people, scenes, sizes, repeats, first.size))
-    person, scene, size, repeat, pair = (
-        axis.ravel() for axis in np.meshgrid(*ranges, indexing="ij")
-    )
+    """Draw decisions between three methods that are equal on average."""
+    first, second = pair_index(len(METHODS))
+    ranges = (range(n) for n in (people, scenes, repeats, first.size))
+    person, scene, repeat, pair = (axis.ravel() for axis in np.meshgrid(*ranges, indexing="ij"))
     swapped = repeat % 2 == 1 if repeats > 1 else rng.random(pair.size) < 0.5
     shown = np.where(swapped, [second[pair], first[pair]], [first[pair], second[pair]])
-    own = np.linspace(best, -best, methods) + participant_sd * rng.standard_normal(
-        (people, methods)
-    )
-    place = scene_sd * rng.standard_normal((scenes, methods))
+    own = participant_sd * rng.standard_normal((people, len(METHODS)))
+    place = scene_sd * rng.standard_normal((scenes, len(METHODS)))
     odds = own[person, shown[0]] + place[scene, shown[0]]
     odds = odds - own[person, shown[1]] - place[scene, shown[1]]
     chose = rng.random(pair.size) < expit(odds)
@@ -544,7 +495,6 @@ def made_up_decisions(
         {
             "participant": np.char.add("P", person.astype(str)),
             "scene": np.char.add("s", scene.astype(str)),
-            "size": np.char.add("z", size.astype(str)),
             "first": names[shown[0]],
             "second": names[shown[1]],
             "chose_first": chose.astype(int),
@@ -554,52 +504,11 @@ def made_up_decisions(
     )
 
 
-STUDIES = {
-    "100,000 decisions": (100, 10, 10, 5, 1),
-    "12 methods x 3 sizes": (11, 4, 1, 12, 3),
-    "1,500 participants": (1500, 6, 1, 3, 2),
-}
-"""Participants, scenes, repeats, methods, sizes."""
-
-
-def analysis_costs(_scale_down: int) -> list[AnalysisCost]:
-    """Read and analyse tables at the sizes that have an aim."""
-    rows = []
-    for name, shape in STUDIES.items():
-        table = made_up_decisions(np.random.default_rng(7), *shape, 0.6, 0.4, 0.8)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "decisions.csv"
-            table.to_csv(path, index=False)
-            done = subprocess.run(
-                [sys.executable, "-c", _COST, str(path)], check=True, capture_output=True, text=True
-            )
-        rows.append(AnalysisCost(name, len(table), *map(float, done.stdout.split())))
-    return rows
-
-
-_COST = """
-import resource, sys, time
-from pathlib import Path
-from analysis.tables.decisions import read_decisions
-from analysis.plans.preference_plan import from_decisions
-from analysis.parts import computed
-from analysis.tasks.preference import PreferenceOfPairs
-began = time.process_time()
-table = read_decisions(Path(sys.argv[1]))
-read = time.process_time()
-task, plan = PreferenceOfPairs(), from_decisions(table, "table")
-computed(task.parts, task.table(table, plan), plan)
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-print(read - began, time.process_time() - read, peak)
-"""
-
-
 def main(argv: list[str]) -> int:
     """Print tables; with ``--json FILE`` also write them."""
     parser = argparse.ArgumentParser(prog="benchmarks.analysis", description=__doc__)
     parser.add_argument("--json", type=file_to_write, help="file to write the numbers to")
     parser.add_argument("--quick", action="store_true", help="a tenth of the simulations")
-    parser.add_argument("--speed-only", action="store_true", help="no error rates")
     parser.add_argument("--only", metavar="TABLE", help="one table, such as share_rates")
     arguments = parser.parse_args(argv)
     scale_down = 10 if arguments.quick else 1
@@ -614,9 +523,8 @@ def main(argv: list[str]) -> int:
         "learning_rates": lambda n: list(learning_rates(n)),
         "paired_rates": lambda n: list(paired_rates(n)),
         "times_power": lambda n: list(times_power(n)),
-        "analysis_costs": lambda n: list(analysis_costs(n)),
     }
-    only = "timings" if arguments.speed_only else arguments.only
+    only = arguments.only
     if only is not None and only not in parts:
         parser.error(f"--only must be one of {', '.join(parts)} (got {only!r})")
     for name, job in parts.items():
@@ -625,15 +533,7 @@ def main(argv: list[str]) -> int:
         tables[name] = [dict(vars(row)) for row in job(scale_down)]
         _print(name, tables[name])
     if arguments.json:
-        result = {
-            "processor": processor(),
-            "cores": os.cpu_count(),
-            "python": platform.python_version(),
-            "libraries": {name: metadata.version(name) for name in ("numpy", "scipy")},
-            "revision": code_revision(),
-            **tables,
-        }
-        write_record(arguments.json, result)
+        write_record(arguments.json, conditions("numpy", "scipy") | tables)
     return 0
 
 

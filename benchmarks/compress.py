@@ -9,28 +9,18 @@ rests on the middle. Also the sheet of one picture, and curves of all.
 from __future__ import annotations
 
 import argparse
-import json
-import time
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
 from benchmarks.foveate_quality import cut, jod_of
-from benchmarks.shared.machine import conditions
-from benchmarks.shared.output import PagePart, file_to_write, write_record
-from pipeline.compression.codec import DEFAULT_ANGLES, CompressionSettings, compress
-from pipeline.compression.gpu import DecompressPass
+from benchmarks.shared.output import PagePart, conditions, file_to_write, write_record
+from pipeline.compression.codec import DEFAULT_ANGLES, CompressionSettings
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.gpu import MetamerPass
-from pipeline.foveation.pooling import MetamerSettings
 from pipeline.gl.context import create_context, release_context
-from pipeline.gl.texture import create_texture, texture_from
 from pipeline.image_file import from_integers, read_pixels, three_channels
 from stimuli import pictures as sheets
 from stimuli.compressed.rivals import InfeasibleRival, measured, rivals, sheet_of
@@ -76,41 +66,21 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--sheet-kb", type=float, default=41)
     parser.add_argument("--plot", type=file_to_write)
     parser.add_argument("--docs", type=PART.page, help="page whose table is replaced")
-    parser.add_argument("--time", action="store_true", help="time decoding beside a metamer, too")
-    parser.add_argument("--of", type=Path, help="show what an earlier --json holds, and stop")
     arguments = parser.parse_args(argv)
-    if arguments.of is not None:
-        held = json.loads(arguments.of.read_text(encoding="utf-8"))["results"]
-        _show([Result(**one) for one in held], arguments)
-        return 0
     found: list[Result] = []
     for number, (name, picture) in enumerate(_pictures(arguments.pictures, arguments.edge)):
         found += list(_results(name, picture, arguments))
         if arguments.json is not None:  # after each picture: it takes minutes
-            _write(found, None, arguments)
+            _write(found, arguments)
         if number == 0 and arguments.sheet is not None:
             sheets.save_picture(arguments.sheet, _sheet(picture, arguments))
-    console = Console()
-    _show(found, arguments)
-    times = _times(arguments.edge, arguments.angles) if arguments.time else None
-    if times is not None:
-        console.print(
-            f"decoding on the GPU {times['decode_ms']:.1f} ms, a metamer {times['metamer_ms']:.1f}"
-            f" ms: ratio {times['ratio']:.2f}"
-        )
-    if arguments.json is not None:
-        _write(found, times, arguments)
-    return 0
-
-
-def _show(found: list[Result], arguments: argparse.Namespace) -> None:
-    """Print tables, and draw curves if asked to."""
-    for size_kb in arguments.sizes:
-        Console().print(_table(found, size_kb))
+    text = markdown(found, arguments.sizes)
+    print(text)
     if arguments.plot is not None:
         _plot(found, arguments.plot)
     if arguments.docs is not None:
-        PART.replace(arguments.docs, markdown(found, arguments.sizes))
+        PART.replace(arguments.docs, text)
+    return 0
 
 
 def markdown(found: list[Result], sizes_kb: Sequence[float]) -> str:
@@ -153,14 +123,11 @@ def markdown(found: list[Result], sizes_kb: Sequence[float]) -> str:
     return "\n".join(lines)
 
 
-def _write(
-    found: list[Result], times: dict[str, float] | None, arguments: argparse.Namespace
-) -> None:
+def _write(found: list[Result], arguments: argparse.Namespace) -> None:
     record = {
         "machine": conditions("pillow", "numpy", "moderngl"),
         "angles": arguments.angles,
         "edge_px": arguments.edge,
-        "times": times,
         "results": [asdict(one) for one in found],
     }
     write_record(arguments.json, record)
@@ -206,56 +173,6 @@ def _sheet(picture: Picture, arguments: argparse.Namespace) -> sheets.Picture:
     sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
     shrunk = tuple(round(SHEET_PX / max(sheet.shape) * edge) for edge in sheet.shape[:2])
     return sheets.fitted(sheet, (shrunk[0], shrunk[1]))
-
-
-def _table(found: list[Result], size_kb: float) -> Table:
-    """Means over pictures at one size; beside them the worst ratio to the foveated distance."""
-    table = Table("file", "kB", "distance", "fovea, dB", "JOD", title=f"at most {size_kb:g} kB")
-    of: dict[tuple[str, str], list[Result]] = defaultdict(list)
-    for one in found:
-        if one.asked_kb == size_kb:
-            of[one.kind, one.codec].append(one)
-    for (kind, codec), all_of_them in of.items():
-        jods = [one.jod for one in all_of_them if one.jod is not None]
-        table.add_row(
-            f"{kind} {codec.upper()}",
-            f"{np.mean([one.size_kb for one in all_of_them]):.1f}",
-            f"{np.mean([one.distance for one in all_of_them]):.3f}",
-            f"{np.mean([one.fovea_psnr_db for one in all_of_them]):.1f}",
-            f"{np.mean(jods):.2f}" if jods else "-",
-        )
-    return table
-
-
-def _times(edge: int, angles: int, repeats: int = 12) -> dict[str, float]:
-    """Milliseconds of decoding (without the codec's own work) and of a metamer, by turns."""
-    picture = builtin_picture("notices", Flat(WIDTH_DEG).of(edge, edge), None)
-    gaze_px = (edge / 2, edge / 2)
-    made = compress([picture], gaze_px, CompressionSettings(angles=angles))
-    ctx = create_context()
-    decode = DecompressPass(ctx, made)
-    metamer = MetamerPass(ctx, Flat(WIDTH_DEG).of(edge, edge), MetamerSettings())
-    decode.load(made)
-    rgba = np.pad(picture, ((0, 0), (0, 0), (0, 1)), constant_values=1)
-    source, target = (
-        texture_from(ctx, rgba, "rgba32f"),
-        create_texture(ctx, (edge, edge), "rgba32f"),
-    )
-    taken: dict[str, list[float]] = {"decode_ms": [], "metamer_ms": []}
-    for _ in range(repeats):
-        for name in taken:
-            start = time.perf_counter()
-            if name == "decode_ms":
-                decode(target)
-            else:
-                metamer(source, target, gaze_px)
-            ctx.finish()
-            taken[name].append(1000 * (time.perf_counter() - start))
-    for held in (decode, metamer, source, target):
-        held.release()
-    release_context(ctx)
-    found = {name: float(np.median(times[2:])) for name, times in taken.items()}
-    return found | {"ratio": found["decode_ms"] / found["metamer_ms"]}
 
 
 def _plot(found: list[Result], path: Path) -> None:

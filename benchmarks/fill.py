@@ -10,7 +10,6 @@ conversions included.
 from __future__ import annotations
 
 import argparse
-import platform
 import statistics
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
@@ -25,9 +24,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.shared.copying import Copy
-from benchmarks.shared.dispatches import dispatches_of
-from benchmarks.shared.output import PagePart, file_to_write, write_record
+from benchmarks.shared.dispatches import Copy, dispatches_of
+from benchmarks.shared.output import PagePart, conditions, file_to_write, write_record
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import create_context, describe, measure, release_context
@@ -40,7 +38,6 @@ from pipeline.synthesis.settings import MetamericSettings
 from pipeline.transport.gpu import TransportPass
 from pipeline.transport.reference import TransportSettings
 from pipeline.warp.gpu import WarpPass
-from protocols.revision import code_revision, package_version
 
 PART = PagePart("fill table")
 Z_NEAR_M = 2.0
@@ -334,13 +331,8 @@ def main(argv: list[str]) -> int:
     show(timings, console)
     if arguments.json is not None:
         record = {
-            "revision": code_revision(),
-            "version": package_version(),
+            **conditions("numpy", "opencv-python-headless"),
             "renderer": asdict(renderer),
-            "processor": platform.machine(),
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "opencv": cv2.__version__,
             "repeats": arguments.repeats,
             "masks": {name: what for name, (_, _, what) in MASKS.items()},
             "timings": [asdict(t) for t in timings],

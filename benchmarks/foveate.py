@@ -12,25 +12,34 @@ odak's `gen_metamer` and radial blur run beside them on the CPU, where odak is i
 from __future__ import annotations
 
 import argparse
+import contextlib
+import importlib
+import importlib.util
 import itertools
 import statistics
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
+from typing import Any
 
 import moderngl
 import numpy as np
-from rich.console import Console
+from numpy.typing import NDArray
 
 from benchmarks.shared import foveate_report as report
-from benchmarks.shared import machine
-from benchmarks.shared.copying import Copy
-from benchmarks.shared.dispatches import dispatches_of
+from benchmarks.shared.dispatches import Copy, dispatches_of
 from benchmarks.shared.foveate_report import Line
 from benchmarks.shared.frame_cost import time_passes
-from benchmarks.shared.odak_library import perception
-from benchmarks.shared.output import PagePart, file_to_write, write_record
+from benchmarks.shared.output import (
+    PagePart,
+    busy_words,
+    conditions,
+    file_to_write,
+    load_average,
+    write_record,
+)
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import FoveationPass
@@ -50,7 +59,6 @@ NEW_SEED = ", new seed"  # what it makes, before the first frame
 SEEDED = ("metamer", "eidolon")
 PULL = "pull.comp.glsl"  # the shader of the analysis
 SHARED_RUNS = 3  # of which the least time of each dispatch counts
-TILE = 8
 
 
 def picture(edge_px: int) -> np.ndarray:
@@ -249,12 +257,10 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--docs", type=PART.page, help="page whose tables are replaced")
     parser.add_argument("--plot", type=file_to_write, help="draw time and memory (.svg, .png)")
     arguments = parser.parse_args(argv)
-    console = Console(highlight=False)
-    console.width = max(console.width, 140)  # a table with many columns
-    known = machine.conditions("numpy", "moderngl", "torch", "odak")
+    known = conditions("numpy", "moderngl", "torch", "odak")
     ctx = create_context()
     device = describe(ctx)
-    console.print(f"renderer: {device}; load {known['load_average_before']}")
+    print(f"renderer: {device}; load {known['load_average_before']}")
     lines: list[Line] = []
     for edge_px in sorted(arguments.size):
         found = time_gpu(ctx, edge_px, arguments.width_deg, arguments.repeats, arguments.condition)
@@ -269,11 +275,11 @@ def main(argv: list[str]) -> int:
             found += time_numpy(edge_px, arguments.width_deg, names)
             found += time_odak(edge_px) if edge_px <= LARGEST_ODAK_EDGE else []
         lines += found
-        console.print(f"{edge_px} px done")
+        print(f"{edge_px} px done")
         # After each size: what was measured stays, whatever becomes of the next one.
         _write(arguments, lines, known, device)
     release_context(ctx)
-    report.show(lines, console)
+    print(report.markdown(lines, device.name, busy_words(known)))
     return 0
 
 
@@ -285,7 +291,7 @@ def _write(
 ) -> None:
     """Write what is asked for."""
     record = known | {
-        "load_average_after": machine.load_average(),
+        "load_average_after": load_average(),
         "renderer": asdict(device),
         "width_deg": arguments.width_deg,
         "repeats": arguments.repeats,
@@ -294,6 +300,38 @@ def _write(
     if arguments.json:
         write_record(arguments.json, record)
     if arguments.docs:
-        PART.replace(arguments.docs, report.markdown(lines, device.name, machine.busy_words(known)))
+        PART.replace(arguments.docs, report.markdown(lines, device.name, busy_words(known)))
     if arguments.plot:
         report.plot(lines, device.name, arguments.plot)
+
+
+def perception() -> Any | None:
+    """Return ``odak.learn.perception``, or None where odak is not installed.
+
+    torch gets one thread: more of them wait for each other by counting, and on a busy machine that
+    alone was five times the CPU time. odak writes a log beside whoever imports it: into a folder
+    that goes, here.
+    """
+    if importlib.util.find_spec("odak") is None:
+        return None
+    importlib.import_module("torch").set_num_threads(1)
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        return importlib.import_module("odak.learn.perception")
+
+
+def gen_metamer(shown: NDArray[np.float32], *, orientations: int = 2) -> NDArray[np.float32] | None:
+    """odak's metamer of a picture (H, W, 3), the gaze in its middle; None without odak.
+
+    Raises
+    ------
+    RuntimeError
+        Where its pyramid does not fit together for a size.
+    """
+    odak = perception()
+    if odak is None:
+        return None
+    torch = importlib.import_module("torch")
+    loss = odak.MetamerMSELoss(n_pyramid_levels=5, n_orientations=orientations)
+    image = torch.from_numpy(shown.transpose(2, 0, 1)[None].copy())
+    made = loss.gen_metamer(image, gaze=[0.5, 0.5])[0].numpy().transpose(1, 2, 0)
+    return np.ascontiguousarray(made.clip(0, 1), np.float32)

@@ -21,15 +21,19 @@ from typing import Any
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.foveate import gen_metamer, perception
 from benchmarks.foveate import picture as any_picture
 from benchmarks.foveate_quality import band_ratios, jod_of, pictures
-from benchmarks.shared import machine
 from benchmarks.shared.foveate_report import milliseconds, number
-from benchmarks.shared.odak_library import gen_metamer, perception
-from benchmarks.shared.output import PagePart, file_to_write, write_record
+from benchmarks.shared.output import (
+    PagePart,
+    busy_words,
+    conditions,
+    file_to_write,
+    load_average,
+    write_record,
+)
 from benchmarks.shared.pyramid_banks import (
     Bank,
     haar,
@@ -206,15 +210,6 @@ def library(shown: list[Presentation]) -> Iterator[Row]:
         )  # fmt: skip
 
 
-def show(rows: list[Row], console: Console) -> None:
-    """Print a table."""
-    table = Table("how", "levels", "orientations", "bands", "kernels", "kept/px", "distance",
-                  "ratios", "JOD", "CPU ms", "B/px")  # fmt: skip
-    for row in rows:
-        table.add_row(f"{row.group}: {row.name}", *cells(row))
-    console.print(table)
-
-
 def cells(row: Row) -> list[str]:
     """All columns but the name."""
     return [
@@ -312,8 +307,6 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--docs", type=PART.page, help="page whose table is replaced")
     parser.add_argument("--plot", type=file_to_write, help="draw quality (.svg, .png)")
     arguments = parser.parse_args(argv)
-    console = Console(highlight=False)
-    console.width = max(console.width, 140)  # a table with many columns
     if arguments.edge % 64:
         parser.error("--edge must be a multiple of 64: every pyramid halves it evenly")
     chosen = {
@@ -328,7 +321,7 @@ def main(argv: list[str]) -> int:
     }
     if not chosen:
         parser.error(f"no picture is {arguments.edge} px high and wide, or has that name")
-    known = machine.conditions("numpy", "moderngl", "torch", "odak", "pyfvvdp")
+    known = conditions("numpy", "moderngl", "torch", "odak", "pyfvvdp")
     ctx = create_context()
     device = describe(ctx)
     geometry = Flat(40.0).of(arguments.edge, arguments.edge)
@@ -341,12 +334,14 @@ def main(argv: list[str]) -> int:
     ):  # fmt: skip
         for row in found:
             rows.append(row)
-            console.print(f"{row.group}: {row.name}, {row.levels} levels: {row.distance:.3f}")
+            print(f"{row.group}: {row.name}, {row.levels} levels: {row.distance:.3f}")
     release_context(ctx)
-    show(rows, console)
+    busy = busy_words(known)
+    text = markdown(rows, f"{device.name}; {busy}", list(chosen), arguments.law, arguments.edge)
+    print(text)
     if arguments.json:
         record = known | {
-            "load_average_after": machine.load_average(),
+            "load_average_after": load_average(),
             "renderer": asdict(device),
             "pictures": list(chosen),
             "edge_px": arguments.edge,
@@ -357,8 +352,6 @@ def main(argv: list[str]) -> int:
         }
         write_record(arguments.json, record)
     if arguments.docs:
-        busy = machine.busy_words(known)
-        text = markdown(rows, f"{device.name}; {busy}", list(chosen), arguments.law, arguments.edge)
         PART.replace(arguments.docs, text)
     if arguments.plot:
         plot(rows, arguments.plot)

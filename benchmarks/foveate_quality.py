@@ -19,13 +19,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from skimage import data
 
-from benchmarks.shared.hard_pictures import night, text_page
 from benchmarks.shared.output import file_to_write, write_record
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
@@ -34,6 +34,45 @@ from pipeline.foveation.geometry import Flat
 from pipeline.foveation.pooling import Pools, make_pooling
 from pipeline.image_file import from_integers, read_pixels, three_channels
 from stimuli.score.statistics import statistics_distance
+
+Picture = NDArray[np.float32]
+Colour = tuple[int, int, int]
+
+WORDS = ["the", "mean", "colour", "of", "a", "page", "of", "print", "is", "nearly", "that", "of",
+         "its", "paper", "and", "not", "grey"]  # fmt: skip
+
+
+def text_page(
+    edge: int,
+    ink: Colour = (0, 0, 0),
+    paper: Colour = (255, 255, 255),
+    *,
+    line_px: int = 13,
+    stroke_px: int = 1,
+) -> Picture:
+    """A page of print, black on white unless told otherwise."""
+    rng, page = np.random.default_rng(1), np.full((edge, edge, 3), paper, np.uint8)
+    for line in range(line_px - 1, edge - 4, line_px):
+        words = " ".join(rng.choice(WORDS, edge // 30))
+        face = cv2.FONT_HERSHEY_SIMPLEX
+        cv2.putText(page, words, (6, line), face, 0.33, ink, stroke_px, cv2.LINE_AA)
+    return as_floats(page)
+
+
+def night(edge: int) -> Picture:
+    """Lamps and stars before a dark sky."""
+    rng = np.random.default_rng(4)
+    picture = rng.uniform(2, 12, (edge, edge, 1)).repeat(3, axis=2).astype(np.uint8)
+    for _ in range(edge // 2):
+        place, colour = rng.integers(0, edge, 2).tolist(), rng.uniform(120, 255, 3).tolist()
+        cv2.circle(picture, place, int(rng.integers(0, 3)), colour, -1, cv2.LINE_AA)
+    return as_floats(picture)
+
+
+def as_floats(picture: NDArray[np.uint8]) -> Picture:
+    """Eight bits in [0, 1]."""
+    return np.asarray(picture, np.float32) / np.float32(255)
+
 
 CONDITIONS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("blur", {}),
@@ -275,11 +314,6 @@ def main(argv: list[str]) -> int:
         {key: None if value != value else value for key, value in asdict(result).items()}
         for result in results
     ]
-    _write(arguments.out, record | {"results": known})
+    if arguments.out is not None:
+        write_record(arguments.out, record | {"results": known})
     return 0
-
-
-def _write(out: Path | None, found: dict[str, object]) -> None:
-    """Write a JSON file, where one is asked for."""
-    if out is not None:
-        write_record(out, found)

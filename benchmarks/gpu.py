@@ -24,10 +24,9 @@ from rich.table import Table
 
 from benchmarks.fill import TimedFrame
 from benchmarks.foveate import picture
-from benchmarks.shared.copying import Copy
+from benchmarks.shared.dispatches import Copy
 from benchmarks.shared.frame_cost import FrameCost, Pass, Work, frame_cost
-from benchmarks.shared.machine import conditions
-from benchmarks.shared.output import file_to_write, write_record
+from benchmarks.shared.output import conditions, file_to_write, write_record
 from pipeline.errors import GLUnavailableError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat

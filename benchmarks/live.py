@@ -18,8 +18,7 @@ import moderngl
 import numpy as np
 from skimage import data
 
-from benchmarks.shared.machine import load_average
-from benchmarks.shared.output import file_to_write, write_record
+from benchmarks.shared.output import file_to_write, load_average, write_record
 from pipeline.foveation.conditions import LIVE
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import describe, lent_context
@@ -177,9 +176,3 @@ def main(argv: list[str]) -> int:
         record = {"renderer": drawn_by, "load": load_average(), "revision": code_revision()}
         write_record(asked.json, json.loads(json.dumps({**record, "live": found})))
     return 0
-
-
-if __name__ == "__main__":
-    import sys
-
-    sys.exit(main(sys.argv[1:]))

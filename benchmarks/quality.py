@@ -27,11 +27,6 @@ PAIRS = {
     "aloe": ("middlebury2006_aloe", "aloeL.jpg", "aloeGT.png", "aloeR.jpg", 1.0),
     "tsukuba": ("middlebury2001_tsukuba", "imL.png", "groundtruth.png", "imR.png", 16.0),
 }
-VARIANTS = [
-    Choice("background-extension", {"continuation": continuation, "inset_px": inset_px})
-    for continuation in ("repeat", "mirror")
-    for inset_px in (0, 1, 2)
-]
 PART = PagePart("quality table")
 
 
@@ -100,12 +95,10 @@ def main(argv: list[str]) -> int:
     """Measure, print, and store with what the numbers depend on."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
-    parser.add_argument("--variants", action="store_true", help="variants of one method instead")
     parser.add_argument("--docs", type=PART.page, help="document whose table of means is replaced")
     parser.add_argument("--json", type=file_to_write, help="file to store the numbers in")
     arguments = parser.parse_args(argv)
-    every = [Choice(entry.name) for entry in METHODS if not entry.takes_path]
-    choices = VARIANTS if arguments.variants else every
+    choices = [Choice(entry.name) for entry in METHODS if not entry.takes_path]
     ctx = create_context()
     try:
         renderer = str(describe(ctx))
@@ -113,8 +106,6 @@ def main(argv: list[str]) -> int:
     finally:
         release_context(ctx)
     print(table(results))
-    if arguments.variants:
-        return 0
     if arguments.json is not None:
         record = {
             "version": package_version(),

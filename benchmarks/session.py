@@ -1,4 +1,4 @@
-"""Time of a whole simulated session: `python -m benchmarks.session`.
+"""Time of a whole simulated session: `script/bench session`.
 
 The 72 decisions of the inpainting paper's study go through the real session, trial machine, gaze
 rules and recorder, on a virtual display; only drawing is missing.
@@ -14,7 +14,7 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from benchmarks.shared.output import file_to_write, write_record
+from benchmarks.shared.output import conditions, file_to_write, write_record
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from protocols.revision import code_revision
@@ -87,17 +87,6 @@ def main(argv: list[str]) -> int:
             f" {entry.us_per_flip:8.0f} {entry.mib:6.1f}"
         )
     if arguments.json:
-        result = {
-            "platform": platform.platform(),
-            "cores": os.cpu_count(),
-            "revision": code_revision(),
-            "sessions": [asdict(entry) for entry in sessions],
-        }
-        write_record(arguments.json, result)
+        told = [asdict(entry) for entry in sessions]
+        write_record(arguments.json, conditions() | {"sessions": told})
     return 0
-
-
-if __name__ == "__main__":
-    import sys
-
-    sys.exit(main(sys.argv[1:]))

@@ -18,8 +18,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.interpolate import griddata
 
-from benchmarks.shared.machine import conditions
-from benchmarks.shared.output import file_to_write, write_record
+from benchmarks.shared.output import conditions, file_to_write, write_record
 from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.foveation.pooling import MetamerSettings, Pools, make_pooling
 from pipeline.gl.context import create_context, release_context

@@ -1,13 +1,10 @@
-"""Report of `script/bench foveate`: as a table, in Markdown, and drawn."""
+"""Report of `script/bench foveate`: in Markdown, and drawn."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-from rich.console import Console
-from rich.table import Table
 
 MIB = 2**20
 TIMES = {True: "CPU time over all cores", False: "least of the runs; on the CPU, CPU time"}
@@ -60,33 +57,6 @@ class Line:
 def number(value: float | None, digits: int) -> str:
     """A number as a table has it; nothing where there is none."""
     return "" if value is None else f"{value:.{digits}f}"
-
-
-def show(lines: Sequence[Line], console: Console) -> None:
-    """Print a table."""
-    table = Table()
-    for name in ("edge px", "condition", "by", "median ms", "least ms", "CPU ms", "x blur",
-                 "x copy", "analysis ms", "synthesis ms", "passes", "B/px",
-                 "of analysis"):  # fmt: skip
-        table.add_column(name, justify="left" if name in ("condition", "by") else "right")
-    for line in lines:
-        own = None if line.analysis_bytes is None else line.analysis_bytes / line.edge_px**2
-        table.add_row(
-            str(line.edge_px),
-            line.condition,
-            line.where,
-            number(line.median_ms, 2),
-            number(line.least_ms, 2),
-            number(line.cpu_ms, 2),
-            number(line.over_blur, 2),
-            number(line.over_copy, 1),
-            number(line.analysis_ms, 2),
-            number(line.synthesis_ms, 2),
-            number(line.passes, 0),
-            number(line.bytes_per_px, 1),
-            number(own, 1),
-        )
-    console.print(table)
 
 
 def milliseconds(value: float) -> str:

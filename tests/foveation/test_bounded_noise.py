@@ -9,14 +9,7 @@ from scipy.special import ndtr
 from scipy.stats import norm
 from skimage import data
 
-from benchmarks.shared.hard_pictures import (
-    coloured_lines,
-    hues,
-    line_art,
-    night,
-    pale_sky,
-    text_page,
-)
+from benchmarks.foveate_quality import as_floats, night, text_page
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.compression.codec import CompressionSettings, compress, decoded_base, decompress
 from pipeline.compression.gpu import DecompressPass
@@ -33,6 +26,46 @@ from pipeline.textures.bake import bake
 from pipeline.textures.reference import Fragments, shade
 from pipeline.textures.surface_noise import surface_noise
 from stimuli.score.statistics import statistics_distance
+
+
+def coloured_lines(edge):
+    """Lines and discs of saturated colours on yellow."""
+    rng, page = np.random.default_rng(2), np.full((edge, edge, 3), (255, 240, 40), np.uint8)
+    inks = (230, 20, 20), (20, 20, 220), (0, 130, 0), (0, 0, 0)
+    for _ in range(edge // 4):
+        (start, end), ink = rng.integers(0, edge, (2, 2)).tolist(), inks[rng.integers(4)]
+        filled = -1 if rng.random() < 0.3 else 2
+        cv2.line(page, start, end, ink, 2, cv2.LINE_AA)
+        cv2.circle(page, start, int(rng.integers(5, 30)), ink, filled, cv2.LINE_AA)
+    return as_floats(page)
+
+
+def hues(edge):
+    """All hues along x, and their values along y."""
+    value, hue = np.mgrid[:edge, :edge] / edge
+    hsv = np.stack([360 * hue, np.ones_like(hue), value], axis=2).astype(np.float32)
+    return np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB), np.float32)
+
+
+def line_art(edge):
+    """Black lines and circles on white."""
+    rng, page = np.random.default_rng(2), np.full((edge, edge, 3), 255, np.uint8)
+    for _ in range(edge // 8):
+        start, end = rng.integers(0, edge, (2, 2)).tolist()
+        cv2.line(page, start, end, (0, 0, 0), 1, cv2.LINE_AA)
+        cv2.circle(page, start, int(rng.integers(5, 30)), (0, 0, 0), 1, cv2.LINE_AA)
+    return as_floats(page)
+
+
+def pale_sky(edge):
+    """Clouds up to white before a pale blue."""
+    rng, frequency = np.random.default_rng(3), np.fft.fftfreq(edge)
+    falling = np.maximum(np.hypot(frequency[:, None], frequency), 1 / edge) ** -1.5
+    plane = np.real(np.fft.ifft2(np.fft.fft2(rng.standard_normal((edge, edge))) * falling))
+    cloud = 1 / (1 + np.exp(3 - 6 * plane / plane.std()))[..., None]
+    sky = np.array([0.8, 0.9, 0.97])
+    return np.asarray(sky + cloud * (1 - sky), np.float32)
+
 
 EDGE = 192
 BLUE, RED, YELLOW, CYAN = (0, 0, 255), (255, 0, 0), (255, 255, 0), (0, 255, 255)

@@ -7,8 +7,9 @@ import pytest
 
 from benchmarks import foveate_bands
 from benchmarks.foveate_bands import Row
-from benchmarks.shared import foveate_report, machine
+from benchmarks.shared import foveate_report
 from benchmarks.shared.foveate_report import Line
+from benchmarks.shared.output import conditions
 from benchmarks.shared.pyramid_banks import (
     haar,
     laplacian,
@@ -112,7 +113,7 @@ def test_the_table_of_bands_names_pictures_and_law(tmp_path):
 
 
 def test_results_say_which_machine_and_how_busy_it_was():
-    found = machine.conditions("numpy", "a package that nobody has")
+    found = conditions("numpy", "a package that nobody has")
 
     assert set(found) == {
         "processor", "cores", "platform", "python", "libraries", "revision", "load_average_before",
