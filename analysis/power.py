@@ -19,8 +19,7 @@ from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, comp
 from analysis.plots import power_plot
 from analysis.plots.style import Figure
 from analysis.showable import FamilyOfTests, two_scenes
-from protocols.errors import StudyError
-from protocols.prose import count_of
+from protocols.errors import StudyError, count_of
 
 Counted = Callable[[int, int], None]
 S = TypeVar("S", bound=AnalysisPlan)

@@ -7,7 +7,7 @@ from functools import partial
 
 from analysis.models.clustered import least_p
 from analysis.models.mixed.inference import least_p_of_draws
-from protocols.prose import count_of
+from protocols.errors import count_of
 from protocols.tasks.mixed import MOST_DRAWS
 
 Words = Callable[[int], str]

@@ -29,7 +29,7 @@ from protocols.adaptive import active_pairs, quest_plus, up_down
 from protocols.adaptive.psychometric_function import probability, slope_of
 from protocols.adaptive.quest_plus import Axis, Grid
 from protocols.adaptive.up_down import UpDown
-from protocols.chance import Chance
+from protocols.disk.hashing import Chance
 from protocols.revision import code_revision
 
 Floats = NDArray[np.float64]

@@ -90,8 +90,6 @@ PERIPHERY_DEG = 5.0
 DISTANCE_M = 0.6  # of the eye, for FovVideoVDP
 METRES_PER_INCH = 0.0254
 
-Picture = NDArray[np.float32]
-
 
 @dataclass(frozen=True)
 class Result:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from protocols.prose import shortest
+from protocols.errors import shortest
 from protocols.units import Hertz, Luminance, Millimetres, Model, Name, Pixels, Positive
 
 FRAME_TOLERANCE = 1e-6

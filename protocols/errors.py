@@ -1,9 +1,9 @@
-"""The root of every user's mistake, that outside the image pipeline, and the words of a cure."""
+"""The root of every user's mistake, that outside the image pipeline, and words of messages."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 
@@ -87,3 +87,19 @@ def refuse_format_1(where: object, raw: Mapping[str, object], cure: str) -> None
             f"{where}: format: must be 2 (got 1); revision {LAST_WITH_FORMAT_1} of metamerlab is"
             f" the last that reads format 1: {cure}"
         )
+
+
+def labelled(name: str, label: str | None) -> str:
+    """Return a name with its label, where they differ."""
+    return f"{label} ({name})" if label and label != name else name
+
+
+def shortest(value: float, works: Callable[[float], bool]) -> str:
+    """Return a number in as few digits, four at least, as still do what it is named for."""
+    texts = (f"{value:.{digits}g}" for digits in range(4, 18))
+    return next((text for text in texts if works(float(text))), repr(value))
+
+
+def count_of(number: int, noun: str) -> str:
+    """Return a number with its noun: ``1 participant``, ``2 participants``."""
+    return f"{number} {noun}" + "s" * (number != 1)

@@ -9,10 +9,9 @@ from itertools import combinations
 
 from protocols.disk.hashing import sha256_json
 from protocols.display import COMMON_RATES_HZ, FRAME_TOLERANCE, Display
-from protocols.errors import Problem, StudyError
+from protocols.errors import Problem, StudyError, shortest
 from protocols.manifest import Clip as BuiltClip
 from protocols.manifest import Manifest, Renderer
-from protocols.prose import shortest
 from protocols.script import Picture, Ring, StoredPicture, example_scripts
 from protocols.study_file.schema import StudyProtocol
 

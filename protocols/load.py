@@ -13,7 +13,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from protocols.disk.hashing import sha256_bytes
-from protocols.disk.read_file import decode_utf8, read_bytes
+from protocols.disk.whole_file import decode_utf8, read_bytes
 from protocols.display import Display
 from protocols.errors import Problem, StudyError, did_you_mean, refuse_format_1
 from protocols.gone import gone, without_gone

@@ -16,8 +16,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ValidationError, model_validator
 
 from protocols.disk.hashing import Json, canonical_json, sha256_bytes, sha256_json
-from protocols.disk.read_file import decode_utf8, read_bytes
-from protocols.disk.whole_file import write_whole
+from protocols.disk.whole_file import decode_utf8, read_bytes, write_whole
 from protocols.errors import StudyError, refuse_format_1
 from protocols.load import control_characters
 from protocols.outside import parsed_json

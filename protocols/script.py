@@ -29,10 +29,17 @@ from protocols.manifest import Manifest
 from protocols.phases import ITI, STUDY_QUESTION, Drawable
 from protocols.plan import PlannedTrial
 from protocols.recipes.base import LiveMethod
-from protocols.study_file.participant_texts import fill, key_label, unknown_placeholders
 from protocols.study_file.problems import in_words
 from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import KEY_PATTERN, KEYS_IN_WORDS, POINTER, Keys
+from protocols.study_file.session_schema import (
+    KEY_PATTERN,
+    KEYS_IN_WORDS,
+    POINTER,
+    Keys,
+    fill,
+    key_label,
+    unknown_placeholders,
+)
 from protocols.tasks.base import whole_frames
 from protocols.units import (
     Count,

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Generic, TypeAlias, TypeVar
 
 from protocols.disk.hashing import sha256_file
-from protocols.disk.left_behind import written
+from protocols.disk.locks import written
 from protocols.disk.result_folder import leaves, remove_own
 from protocols.disk.whole_file import PART, move, remove, sync_folder, write_whole
 from protocols.errors import StudyError

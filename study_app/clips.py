@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from protocols.disk.hashing import sha256_bytes
-from protocols.disk.read_file import read_bytes
+from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError
 from protocols.manifest import Clip, Manifest
 from protocols.outside import reading

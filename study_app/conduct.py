@@ -24,8 +24,7 @@ from protocols.journal import (
 )
 from protocols.plan import Plan
 from protocols.script import Scripts
-from protocols.study_file.participant_texts import consent_text, fill
-from protocols.study_file.session_schema import ClosingQuestion, Response, Texts
+from protocols.study_file.session_schema import ClosingQuestion, Response, Texts, consent_text, fill
 from protocols.viewing import Viewing
 from study_app.attempt import AttemptLog, AttemptResult, GazeWatcher, run_attempt
 from study_app.attempt_record import WatchedGaze, attempt_event

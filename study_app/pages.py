@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from protocols.errors import StudyError
 from protocols.script import Words
-from protocols.study_file.participant_texts import key_label
+from protocols.study_file.session_schema import key_label
 from study_app.stage import Page
 from study_app.text_image import (
     Align,

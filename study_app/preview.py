@@ -35,8 +35,8 @@ from protocols.script import (
     TrialScript,
     Words,
 )
-from protocols.study_file.participant_texts import key_label
 from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import key_label
 from protocols.viewing import Viewing
 from study_app.clips import read_frame
 from study_app.paint import Pixels, bitmaps_of, drawn

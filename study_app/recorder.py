@@ -19,8 +19,7 @@ from protocols.disk.locks import held
 from protocols.disk.whole_file import sync_folder
 from protocols.errors import StudyError
 from protocols.journal import AnyEvent, SideFile
-from protocols.journal_checksums import first_link, sealed
-from protocols.journal_file import JOURNAL_NAME, Journal, read_journal
+from protocols.journal_file import JOURNAL_NAME, Journal, first_link, read_journal, sealed
 
 _APPENDING = (
     os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from protocols.chance import Chance
+from protocols.disk.hashing import Chance
 from protocols.journal import (
     Answer,
     AnyEvent,

@@ -17,7 +17,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from protocols.disk.locks import lock
-from protocols.disk.read_file import read_bytes
+from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError
 from protocols.journal import SessionEnd, SessionStart, VoidReason
 from protocols.journal_file import JOURNAL_NAME, Journal, header_of, read_journal

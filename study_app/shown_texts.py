@@ -12,8 +12,8 @@ from protocols.feasibility import check_feasible
 from protocols.manifest import Manifest
 from protocols.phases import STUDY_QUESTION
 from protocols.script import Picture, Words, example_scripts, text_picture
-from protocols.study_file.participant_texts import consent_text, fill
 from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import consent_text, fill
 from protocols.tasks.confidence_question import CONFIDENCE
 from study_app.pages import PageLayout, Sheet, UnfitLabelsError, sheet_of
 from study_app.stage import Page

@@ -10,8 +10,7 @@ from protocols.disk.locks import lock_name
 from protocols.disk.whole_file import remove, write_whole
 from protocols.errors import StudyError
 from protocols.journal import SessionStart, Withdrawal
-from protocols.journal_checksums import first_link, sealed
-from protocols.journal_file import JOURNAL_NAME
+from protocols.journal_file import JOURNAL_NAME, first_link, sealed
 from study_app.recorder import journal_held
 from study_app.session_folders import SessionFolder, claimed, find_sessions
 

@@ -465,7 +465,7 @@ def with_packages(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[s
 def reseal() -> Callable[[Path], None]:
     """Give a function that computes a journal's checksums anew, after a test has changed it."""
     from protocols.disk.hashing import canonical_json
-    from protocols.journal_checksums import due, first_link
+    from protocols.journal_file import due, first_link
 
     def resealed(path: Path) -> None:
         before, lines = first_link(b""), []

@@ -247,7 +247,7 @@ def test_a_plug_in_that_exits_ends_its_command_with_status_2(install_package, wi
 
 BAD_TASK = """
 from typing import Literal
-from protocols.tasks.two_interval import TwoInterval
+from protocols.tasks.pairs import TwoInterval
 
 class Odd(TwoInterval):
     kind: Literal["mine"]

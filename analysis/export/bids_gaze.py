@@ -13,7 +13,7 @@ from analysis.export.bids_events import NOTHING
 from analysis.export.export_content import ExportedStudy, Person, Run, write_json
 from analysis.export.public import gaze_source
 from protocols.disk.hashing import Json, sha256_bytes
-from protocols.disk.read_file import read_bytes
+from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError
 from protocols.journal import Attempt, Calibration, GazeInfo, SessionResume, SessionStart, SideFile
 from protocols.limits import check_cells

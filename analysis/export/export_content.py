@@ -10,6 +10,7 @@ from analysis.export.public import scrub
 from analysis.journals import JournalReading, Progress, StudyReadings
 from analysis.tidy import TidyTables
 from protocols.disk.hashing import Json, sha256_bytes
+from protocols.errors import count_of
 from protocols.journal import (
     AnyEvent,
     Attempt,
@@ -18,7 +19,6 @@ from protocols.journal import (
     SessionStart,
 )
 from protocols.outside import json_bytes, markdown
-from protocols.prose import count_of
 from protocols.revision import code_revision, package_version
 from protocols.study_file.schema import StudyProtocol
 

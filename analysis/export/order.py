@@ -17,7 +17,6 @@ import pandas as pd
 from analysis.export.export_content import drawn
 from analysis.journals import JournalReading, StudyReadings
 from analysis.tidy import TidyTables
-from protocols.counterbalancing import arrival_shows
 from protocols.disk.hashing import sha256_bytes
 from protocols.errors import StudyError
 from protocols.journal import (
@@ -28,6 +27,7 @@ from protocols.journal import (
     SessionEnd,
     SessionStart,
 )
+from protocols.plan import arrival_shows
 from protocols.study_file.schema import StudyProtocol
 from protocols.units import Condition
 

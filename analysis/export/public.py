@@ -14,7 +14,7 @@ import pandas as pd
 
 from analysis.journals import StudyReadings
 from analysis.tidy import TidyTables
-from protocols.chance import Chance
+from protocols.disk.hashing import Chance
 from protocols.errors import StudyError
 from protocols.journal import Attempt
 from protocols.study_file.schema import StudyProtocol

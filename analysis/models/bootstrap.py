@@ -11,7 +11,7 @@ from analysis.arrays import Floats, Ints
 from analysis.models.clustered import holm, least_p
 from analysis.models.numeric import zeroed
 from analysis.models.paired.paired_counts import fit_scores, pair_index
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 FEW_CLUSTERS = 5
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.arrays import Bools, Floats
 from analysis.models.numeric import two_sided_p, two_sided_quantile
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 EXACT_FLIPS = 16
 """Up to this many participants every sign pattern is enumerated."""

@@ -14,7 +14,7 @@ from analysis.models.contrasts import Difference, paired, pairs_of
 from analysis.models.curves.response import RATE_PRIOR
 from analysis.models.ideal_observer import AbxRule, abx_share
 from analysis.models.numeric import numeric_hessian, two_sided_quantile
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 STEP_SCALING, STEP_GAIN = 0.06, 0.2
 """Distances of the grid over participants' ln s_c and ln gain."""

@@ -8,7 +8,7 @@ import scipy
 
 from analysis.models.clustered import holm, sign_flip_p, two_way
 from analysis.models.compared_methods import cell_counts
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 
 @dataclass(frozen=True)

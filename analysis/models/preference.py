@@ -19,7 +19,7 @@ from analysis.models.clustered import (
 )
 from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts, found_pairings
 from analysis.showable import two_scenes
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 Test = Literal["participant-scene", "participant", "pooled"]
 Correction = Literal["holm", "none"]

@@ -19,7 +19,7 @@ from analysis.models.clustered import (
 )
 from analysis.models.contrasts import Difference, pairs_of
 from analysis.showable import two_scenes
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 FEW_PARTICIPANTS = 6
 

@@ -17,7 +17,7 @@ from analysis.models.curves.response import ResponseFunction
 from analysis.models.mixed.glmm import fit_crossed
 from analysis.models.psychometric import TWO_ALTERNATIVES, CurveForm
 from protocols.adaptive.answer_history import Shape
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 FEW_PARTICIPANTS = 5
 

@@ -17,7 +17,7 @@ from analysis.parts import Part, Presentation
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.report.wording import leading, level_text, number, number_range, share
 from protocols.blocks import Heading, Paragraph
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 JOD = float(ndtri(0.75))
 """Of two 1 JOD apart, this quantile's share prefers the better."""

@@ -26,7 +26,7 @@ from analysis.report.wording import (
     share_range,
 )
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 
 @dataclass(frozen=True)

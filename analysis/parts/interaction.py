@@ -38,7 +38,7 @@ from analysis.report.wording import (
 )
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Box, Cautions, FigurePlace, Paragraph, TableBlock
-from protocols.prose import count_of
+from protocols.errors import count_of
 from protocols.tasks.rates import name_of
 
 LED_BY = 6

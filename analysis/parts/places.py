@@ -12,7 +12,7 @@ from numpy.random import Generator
 from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, Presentation, estimates_of, tried
 from analysis.report.wording import level_text, number_range, placed
 from protocols.blocks import Block, Paragraph, TableBlock
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 LAB, BROWSER = "lab", "browser"
 _TABLE_ONLY = "the table does not say"

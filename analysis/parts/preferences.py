@@ -48,7 +48,7 @@ from protocols.blocks import (
     TableBlock,
     strong,
 )
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 TESTS = {
     "participant-scene": (

@@ -42,7 +42,7 @@ from analysis.report.wording import (
 )
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, TableBlock, grouped
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 BOOTSTRAP_SAMPLES = 2000
 

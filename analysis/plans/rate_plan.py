@@ -11,8 +11,7 @@ from analysis.parts import AnalysisPlan
 from analysis.plans.table_settings import RateTableSettings, check_contrasts
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.section import AdaptiveLevels
-from protocols.errors import StudyError, did_you_mean
-from protocols.prose import count_of
+from protocols.errors import StudyError, count_of, did_you_mean
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.rates import BETWEEN, TAKEN, RatesAnalysis, name_of
 from protocols.tasks.single import RightOrWrong

@@ -16,8 +16,7 @@ from analysis.report.wording import left_out_sentence
 from analysis.tidy import TidyTables
 from protocols.blocks import Block, Paragraph, Section, TableBlock
 from protocols.disk.hashing import Json
-from protocols.errors import StudyError
-from protocols.prose import count_of
+from protocols.errors import StudyError, count_of
 from protocols.revision import package_version
 
 _NOTHING = Paragraph("The table does not hold what this takes.")

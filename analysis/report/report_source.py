@@ -19,9 +19,8 @@ from analysis.tasks.base import AnyAnalysis
 from analysis.tasks.note import note_path, options_from, read_note
 from analysis.tidy import TidyTables, read_sessions
 from protocols.disk.hashing import Json, sha256_file
-from protocols.errors import StudyError
+from protocols.errors import StudyError, count_of
 from protocols.latency import LatencySummary
-from protocols.prose import count_of
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 

@@ -26,8 +26,7 @@ from analysis.tables.words import (
     plain,
 )
 from protocols.columns import COMMON_COLUMNS, attempted, decided
-from protocols.errors import StudyError, did_you_mean
-from protocols.prose import count_of
+from protocols.errors import StudyError, count_of, did_you_mean
 from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
 from protocols.tasks.rating import RATING_COLUMNS
 from protocols.tasks.single import ANSWER_COLUMNS

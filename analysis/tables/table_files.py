@@ -19,11 +19,10 @@ import pandas as pd
 
 from analysis.tables.counts import HEADER, Counted, decisions_of, is_square
 from analysis.tables.spreadsheet import ENDINGS, read_spreadsheet
-from protocols.disk.read_file import read_bytes
-from protocols.errors import StudyError
+from protocols.disk.whole_file import read_bytes
+from protocols.errors import StudyError, count_of
 from protocols.limits import FIXED, check_cells, check_within
 from protocols.outside import CONTROL, lines_of, original_cell, safe_cell
-from protocols.prose import count_of
 
 TABLES = (".csv", ".tsv", *ENDINGS)
 """Tables that a folder may hold."""

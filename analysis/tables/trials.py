@@ -9,8 +9,7 @@ import pandas as pd
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.words import missing
 from protocols.columns import Column, decided
-from protocols.errors import StudyError
-from protocols.prose import count_of
+from protocols.errors import StudyError, count_of
 from protocols.tasks.confidence_question import COLUMNS, CONFIDENCE
 from protocols.tasks.rates import name_of
 from protocols.tasks.rating import RATING_COLUMNS

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from analysis.plans.table_settings import keys_of, said_of
 from analysis.tasks import analysis_of
-from protocols.disk.read_file import read_bytes
+from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError, did_you_mean
 from protocols.gone import gone, without_gone
 from protocols.load import with_tuples

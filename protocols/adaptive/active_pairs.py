@@ -43,7 +43,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.special import entr, log_ndtr, ndtr, ndtri
 
 from protocols.adaptive.psychometric_function import Floats
-from protocols.chance import Chance
+from protocols.disk.hashing import Chance
 from protocols.errors import StudyError
 
 JOD_SIGMA = float(1.0 / ndtri(0.75))

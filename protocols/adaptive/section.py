@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from protocols.adaptive.answer_history import Shape
-from protocols.chance import Chance
+from protocols.disk.hashing import Chance
 from protocols.errors import Problem, StudyError
-from protocols.pool import Pool
-from protocols.recipes.base import SCENE
+from protocols.recipes.base import SCENE, Pool
 from protocols.tasks.base import Adaptive, Cell, Slot, Task, Turn
 from protocols.units import Condition, Few, Name, Number, Share
 

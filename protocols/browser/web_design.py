@@ -13,8 +13,8 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field
 
 from protocols.adaptive.section import AdaptiveLevels, QuestPlusLevels, UpDownLevels
-from protocols.counterbalancing import rounds
 from protocols.errors import StudyError
+from protocols.plan import rounds
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks import base
 from protocols.units import Count, Few, Model, Name, Number, Positive, Share, Text

@@ -1,8 +1,8 @@
-"""Base of stimulus recipes: a pool of named stimuli with their conditions."""
+"""Base of stimulus recipes, named stimuli with their conditions, and the pool that a task gets."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal, NamedTuple, TypeAlias
@@ -10,7 +10,7 @@ from typing import ClassVar, Literal, NamedTuple, TypeAlias
 from protocols.blocks import Block
 from protocols.disk.hashing import Json
 from protocols.display import Display
-from protocols.errors import Problem
+from protocols.errors import Problem, did_you_mean
 from protocols.units import Condition, ExtendedModel, Model, Number, Parameters, Scalar, Seed, Text
 
 SCENE = "scene"
@@ -200,3 +200,40 @@ class Recipe(Model):
     def cut_away(self) -> tuple[str, ...]:
         """Return in sentences what the study leaves out because displays are not larger."""
         return ()
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Stimuli of a study, and how its trials use them."""
+
+    stimuli: Recipe
+    scenes: tuple[str, ...]
+    """Scenes of the trials that are asked for; one empty name where the stimuli tell none."""
+    repeats: int
+    """Trials per condition and participant."""
+
+    def check_columns(self, place: str, names: Iterable[str]) -> Iterator[Problem]:
+        """Yield a problem for every name that is no column of the stimuli's conditions."""
+        known = self.stimuli.columns()
+        for name in names:
+            if name not in known:
+                yield Problem(
+                    place,
+                    f"must name a column of the stimuli ({', '.join(known)}) (got {name!r})"
+                    f"{did_you_mean(name, known)}",
+                )
+
+    def check_where(self, place: str, where: Mapping[str, Scalar]) -> Iterator[Problem]:
+        """Yield a problem for every column or value that no stimulus has."""
+        yield from self.check_columns(place, where)
+        for column, value in where.items():
+            known = self.stimuli.values(column)
+            if isinstance(value, int | float) and str(value) in map(str, known):
+                continue  # a column of texts that should be one of numbers: told where it is used
+            if known and value not in known:
+                listed = ", ".join(map(str, known[:12])) + (", ..." if len(known) > 12 else "")
+                yield Problem(
+                    f"{place}.{column}",
+                    f"must be a value that the stimuli have ({listed}) (got {value!r})"
+                    f"{did_you_mean(value, map(str, known))}",
+                )

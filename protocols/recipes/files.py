@@ -12,7 +12,7 @@ from typing import Literal
 from pydantic import TypeAdapter, ValidationError, model_validator
 
 from protocols.blocks import Block
-from protocols.disk.read_file import decode_utf8, read_bytes
+from protocols.disk.whole_file import decode_utf8, read_bytes
 from protocols.display import Display
 from protocols.errors import Problem, StudyError, did_you_mean
 from protocols.limits import check_cells, check_within

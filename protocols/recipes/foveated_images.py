@@ -13,11 +13,9 @@ from typing import Annotated, ClassVar, Literal, Required, TypedDict
 from pydantic import Field, model_validator
 
 from protocols.blocks import Block
-from protocols.chance import Chance
-from protocols.disk.hashing import Json
+from protocols.disk.hashing import Chance, Json
 from protocols.display import Display
-from protocols.errors import Problem
-from protocols.prose import count_of
+from protocols.errors import Problem, count_of
 from protocols.recipes.base import Change, Cut, LiveMethod, Recipe, Stimulus
 from protocols.units import (
     Degrees,

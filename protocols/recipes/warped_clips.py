@@ -18,8 +18,7 @@ from pydantic import Field, model_validator
 from protocols.blocks import Block, TableBlock
 from protocols.disk.hashing import Json
 from protocols.display import Display
-from protocols.errors import Problem
-from protocols.prose import labelled, shortest
+from protocols.errors import Problem, labelled, shortest
 from protocols.recipes.base import Recipe, Stimulus
 from protocols.units import (
     Condition,

@@ -9,7 +9,6 @@ from typing import get_args
 from protocols.errors import Problem, did_you_mean
 from protocols.recipes.base import Recipe
 from protocols.recipes.warped_clips import WarpedClips
-from protocols.study_file.participant_texts import unknown_placeholders
 from protocols.study_file.session_schema import (
     Design,
     Gaze,
@@ -17,6 +16,7 @@ from protocols.study_file.session_schema import (
     Response,
     TextSection,
     TrialTiming,
+    unknown_placeholders,
 )
 from protocols.tasks.base import Analysis, Task
 from protocols.tasks.pairs import PairTask

@@ -6,7 +6,7 @@ in a part for another section of the parts, or of ``shared.toml``. What is compo
 with ``@WORD@`` for what differs between studies. Above the first use of each key come its meaning,
 type and default, taken from the models that read the file, so that comments and program cannot
 drift apart. A line ``#? key = value`` is a key that may be left out, and ``#? [header]`` a section
-of such keys: they stay behind a ``#``.
+of such keys: they stay behind a ``#``. A study known by its numbers alone is made of one, too.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from pydantic import BaseModel
 
 from protocols.disk.hashing import sha256_bytes
 from protocols.display import Display
-from protocols.errors import StudyError, must_be_one_of
+from protocols.errors import StudyError, must_be_one_of, shortest
 from protocols.formats.format_reference import bounds_in_words, toml_text
 from protocols.formats.publish import schema_text
-from protocols.prose import shortest
+from protocols.limits import FIXED
+from protocols.load import load_display, protocol_of, with_tuples
 from protocols.study_file.own_stimuli import OwnStimuli
 from protocols.study_file.schema import StudyProtocol
 from protocols.units import NAME_PATTERN
@@ -342,3 +343,47 @@ def _template(name: str) -> str:
 def _check(text: str) -> None:
     """Let a mistake of ours show here, not at a user's."""
     tomllib.loads(re.sub(r"@\w+@", "0", text))
+
+
+_FROM_NUMBERS = "from-numbers"
+_MOST = FIXED["design"].most
+"""Of pairs, of scenes, of repeats, of participants: more is a slip of the hand."""
+
+
+def preferences_of(*, pairs: int, scenes: int, repeats: int, participants: int) -> StudyProtocol:
+    """Return a study in which everybody compares every pair in every scene so often.
+
+    Parameters
+    ----------
+    pairs : int
+        Pairs of methods; the planned test is that of the first, alone.
+    scenes, repeats, participants : int
+        How many scenes, how often everybody decides on a pair in each, and how many they are.
+
+    Raises
+    ------
+    StudyError
+        If a number is below 1 (scenes and participants: 2), or above 1000.
+    """
+    for name, value, least in (
+        ("pairs", pairs, 1), ("scenes", scenes, 2), ("repeats", repeats, 1),
+        ("participants", participants, 2),
+    ):  # fmt: skip
+        if not least <= value <= _MOST:
+            raise StudyError(f"--{name}: must be {least} to {_MOST} (got {value})")
+    text = study_files(_FROM_NUMBERS, "From numbers", load_display("fhd27-60hz"))["study.toml"]
+    study: dict[str, Any] = tomllib.loads(text)
+    study["study"]["participants"] = participants
+    study["display"]["display"] = "fhd27-60hz"
+    stimuli, first = study["stimuli"], study["stimuli"]["scenes"][0]
+    stimuli["scenes"] = [
+        first | {"name": f"scene-{k}", "label": f"scene {k}"} for k in range(scenes)
+    ]
+    stimuli["sizes"] = stimuli["sizes"][:1]
+    stimuli["methods"] = [{"name": f"method-{k}", "method": "push-pull"} for k in range(pairs + 1)]
+    study["task"]["pairings"] = [["method-0", f"method-{k + 1}"] for k in range(pairs)]
+    del study["task"]["catch"], study["design"]["practice"]
+    study["design"] |= {"repeats": repeats, "blocks": 1}
+    study["analysis"]["primary"] = {"method": "method-0", "against": "method-1"}
+    raw = {key: with_tuples(value) for key, value in study.items()}
+    return protocol_of(raw, Path(f"{_FROM_NUMBERS}.toml"))

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from protocols.counterbalancing import arrival_shows
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.feasibility import clip_size_px, session_duration_s
+from protocols.plan import arrival_shows
 from protocols.recipes.warped_clips import StereoScene, WarpedClips
 from protocols.study_file.schema import StudyProtocol
 

@@ -16,8 +16,7 @@ from protocols.disk.hashing import sha256_bytes, sha256_json
 from protocols.errors import Problem, StudyError
 from protocols.gone import as_hashed, gone
 from protocols.plugins import culprit
-from protocols.pool import Pool
-from protocols.recipes.base import Recipe
+from protocols.recipes.base import Pool, Recipe
 from protocols.recipes.recipe_kinds import RECIPES
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.study_file.cross_check import cross_check

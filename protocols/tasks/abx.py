@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 from protocols.columns import Column
 from protocols.display import Display
 from protocols.phases import Phase
-from protocols.pool import Pool
+from protocols.recipes.base import Pool
 from protocols.tasks.base import Analysis, Arrangement, blank_phase, shown_phase
 from protocols.tasks.compared import ComparisonTask, StimulusPair
 from protocols.tasks.rates import RatesAnalysis

@@ -13,14 +13,13 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from protocols.chance import Chance
 from protocols.columns import Column
-from protocols.disk.hashing import Json
+from protocols.disk.hashing import Chance, Json
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.journal import Attempt
 from protocols.phases import Clip, Fixation, Image, LiveImage, Phase
-from protocols.pool import Pool
+from protocols.recipes.base import Pool
 from protocols.study_file.session_schema import Exclusions
 from protocols.tasks.confidence_question import COLUMNS, Confidence
 from protocols.units import Condition, ExtendedModel, Model, Name, Positive, Scalar, Seconds

@@ -10,8 +10,7 @@ from typing import ClassVar, NamedTuple
 
 from protocols.columns import Column
 from protocols.errors import Problem
-from protocols.pool import Pool
-from protocols.recipes.base import Stimulus
+from protocols.recipes.base import Pool, Stimulus
 from protocols.tasks.base import Arrangement, Cell, Task, matches
 from protocols.tasks.single import RightOrWrong
 from protocols.units import Condition, Name, Scalar, Seconds

@@ -11,8 +11,7 @@ from protocols.columns import Column
 from protocols.errors import Problem
 from protocols.journal import Attempt
 from protocols.phases import Phase, Question, QuestionText
-from protocols.study_file.participant_texts import unknown_placeholders
-from protocols.study_file.session_schema import Keys, Response, TextSection
+from protocols.study_file.session_schema import Keys, Response, TextSection, unknown_placeholders
 from protocols.units import LanguageCode, Model, Text
 
 CONFIDENCE = "confidence"

@@ -8,8 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from protocols.errors import Problem
-from protocols.pool import Pool
-from protocols.recipes.base import Stimulus
+from protocols.recipes.base import Pool, Stimulus
 from protocols.tasks.base import Analysis
 from protocols.tasks.rates import RatesAnalysis
 from protocols.tasks.single import SingleStimulus

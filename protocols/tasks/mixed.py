@@ -8,8 +8,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import BeforeValidator, Field
 
-from protocols.errors import Problem, did_you_mean
-from protocols.prose import count_of
+from protocols.errors import Problem, count_of, did_you_mean
 from protocols.tasks.base import Analysis
 
 NOTHING_LEFT = 2e-3

@@ -1,18 +1,22 @@
-"""Base of tasks that ask for the preferred of two stimuli: pairs, catch pairs, the table."""
+"""Tasks that ask for the preferred of two stimuli: pairs, catch pairs, the table.
+
+`two-alternative` shows both side by side, `two-interval` one after the other.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from protocols.chance import Chance
 from protocols.columns import Column
+from protocols.disk.hashing import Chance
+from protocols.display import Display
 from protocols.errors import Problem, StudyError, did_you_mean
 from protocols.journal import Attempt
-from protocols.pool import Pool
-from protocols.recipes.base import SCENE
+from protocols.phases import Phase
+from protocols.recipes.base import SCENE, Pool
 from protocols.tasks.base import (
     Adaptive,
     Analysis,
@@ -22,10 +26,12 @@ from protocols.tasks.base import (
     Task,
     Turn,
     all_pairs,
+    blank_phase,
     matches,
+    shown_phase,
     times,
 )
-from protocols.units import Condition, Model, Name, Positive, Scalar
+from protocols.units import Condition, Degrees, Model, Name, Positive, Scalar, Seconds
 
 SCENE_COLUMNS = (
     Column("scene", "text", "", "Scene of both stimuli"),
@@ -427,3 +433,70 @@ def _unknown(place: str, name: str, known: Sequence[str], column: str) -> Proble
         f"must name one of the {column}s ({', '.join(known)}) (got {name!r})"
         f"{did_you_mean(name, known)}",
     )
+
+
+class TwoInterval(PairTask):
+    """Fixation, interval 1, gap, interval 2, answer."""
+
+    kind: Literal["two-interval"]
+    gap_s: Seconds = 0.5
+    """Blank between the intervals."""
+
+    def answers(self) -> tuple[str, ...]:
+        """Return the two intervals."""
+        return "first", "second"
+
+    def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
+        """Return interval 1, gap, interval 2."""
+        return (
+            shown_phase(pool, display, self, "first", [(0, 0.0)]),
+            blank_phase(display, "gap", self.gap_s),
+            shown_phase(pool, display, self, "second", [(1, 0.0)]),
+        )
+
+    def durations(self) -> Mapping[str, float]:
+        """Return the task's times by key."""
+        return {**super().durations(), "gap_s": self.gap_s}
+
+    def shown_s(self, pool: Pool) -> float:
+        """Return the length of both intervals and the gap."""
+        return 2 * self.single_s(pool) + self.gap_s
+
+    def description(self, pool: Pool) -> str:
+        """Return a trial in a sentence."""
+        what = "still" if pool.stimuli.clip_s is None else "clip"
+        return (
+            f"first {what} ({self.single_s(pool):g} s), blank {self.gap_s:g} s, second {what},"
+            " answer"
+        )
+
+
+class TwoAlternative(PairTask):
+    """Fixation, both stimuli side by side, answer."""
+
+    kind: Literal["two-alternative"]
+    separation_deg: Degrees
+    """Between the centres of the two."""
+
+    sided: ClassVar[bool] = True
+
+    def answers(self) -> tuple[str, ...]:
+        """Return the two sides."""
+        return "left", "right"
+
+    def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
+        """Return the one phase that shows both."""
+        half_deg = self.separation_deg / 2
+        return (shown_phase(pool, display, self, "both", [(0, -half_deg), (1, half_deg)]),)
+
+    def shown_s(self, pool: Pool) -> float:
+        """Return the time for which both are shown."""
+        return self.single_s(pool)
+
+    def description(self, pool: Pool) -> str:
+        """Return a trial in a sentence."""
+        what = "stills" if pool.stimuli.clip_s is None else "clips"
+        return (
+            f"two {what} side by side, {self.separation_deg:g} deg apart, for"
+            f" {self.single_s(pool):g} s, answer"
+        )

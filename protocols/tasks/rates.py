@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from protocols.errors import Problem, did_you_mean
-from protocols.pool import Pool
+from protocols.recipes.base import Pool
 from protocols.tasks.base import Task
 from protocols.tasks.mixed import MixedAnalysis
 from protocols.units import Condition, Name, Scalar

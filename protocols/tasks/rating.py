@@ -12,7 +12,7 @@ from protocols.display import Display
 from protocols.errors import Problem, did_you_mean
 from protocols.journal import Attempt
 from protocols.phases import Phase
-from protocols.pool import Pool
+from protocols.recipes.base import Pool
 from protocols.tasks.base import Analysis, Arrangement, Cell, Task, blank_phase, shown_phase
 from protocols.tasks.compared import Standards
 from protocols.tasks.mixed import MixedAnalysis

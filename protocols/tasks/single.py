@@ -13,8 +13,7 @@ from protocols.display import Display
 from protocols.errors import Problem
 from protocols.journal import Attempt
 from protocols.phases import Phase
-from protocols.pool import Pool
-from protocols.recipes.base import Stimulus
+from protocols.recipes.base import Pool, Stimulus
 from protocols.tasks.base import (
     Adaptive,
     Arrangement,

@@ -7,13 +7,12 @@ from collections.abc import Mapping
 from numbers import Real
 
 from protocols.plugins import based_on, check_methods, misfit, registered
-from protocols.pool import Pool
+from protocols.recipes.base import Pool
 from protocols.tasks.abx import Abx
 from protocols.tasks.base import Task
 from protocols.tasks.identification import Identification
+from protocols.tasks.pairs import TwoAlternative, TwoInterval
 from protocols.tasks.rating import Rating
-from protocols.tasks.two_alternative import TwoAlternative
-from protocols.tasks.two_interval import TwoInterval
 from protocols.tasks.which_half import WhichHalf
 from protocols.tasks.yes_no import YesNo
 

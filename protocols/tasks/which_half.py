@@ -9,7 +9,7 @@ from protocols.columns import Column
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.phases import Bar, Fixation, Image, Phase
-from protocols.pool import Pool
+from protocols.recipes.base import Pool
 from protocols.tasks.base import Analysis, Arrangement, blank_phase, whole_frames
 from protocols.tasks.compared import ComparisonTask, StimulusPair
 from protocols.tasks.rates import RatesAnalysis

@@ -15,7 +15,7 @@ from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import SteadyGaze, carried
 from pipeline.named_classes import Choice
-from protocols.prose import count_of
+from protocols.errors import count_of
 from stimuli.exr import save_colour
 from stimuli.foveated.any_picture import PictureReading, check_drawable, read_any
 from stimuli.foveated.condition_sheet import check_choices

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.errors import InputError
-from protocols.disk.left_behind import clear_folders, remove_files
-from protocols.disk.locks import held
+from protocols.disk.locks import clear_folders, held, remove_files
 from protocols.disk.whole_file import PART, move, remove
 
 

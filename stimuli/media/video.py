@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.image_file import FREE_SPACE, read_pixels, three_channels, write_error
 from pipeline.video_file import VideoFrames, is_video, quiet_stderr
-from protocols.disk.left_behind import clear_files
+from protocols.disk.locks import clear_files
 from protocols.disk.whole_file import whole_path
 from protocols.manifest import Clip
 from stimuli.media.png import decode, encode_bytes

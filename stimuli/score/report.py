@@ -20,8 +20,8 @@ from protocols.blocks import (
 )
 from protocols.blocks import TableBlock as Rows
 from protocols.disk.whole_file import write_whole
+from protocols.errors import count_of
 from protocols.html_page import Figure, html_page
-from protocols.prose import count_of
 from protocols.revision import code_revision, package_version
 from stimuli.score import plots
 from stimuli.score.available import versions

@@ -19,7 +19,7 @@ from typing import IO, Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field
 
 from protocols.disk.hashing import Json, canonical_json, sha256_bytes, sha256_file
-from protocols.disk.read_file import read_bytes
+from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError
 from protocols.journal_file import find_journals, read_journal
 from protocols.limits import LIMITS_VARIABLE, check_within, limit

@@ -11,9 +11,8 @@ from pathlib import Path, PurePosixPath
 from typing import IO
 
 from protocols.disk.hashing import sha256_bytes
-from protocols.disk.left_behind import clear_files
-from protocols.disk.read_file import read_bytes
-from protocols.disk.whole_file import move, remove
+from protocols.disk.locks import clear_files
+from protocols.disk.whole_file import move, read_bytes, remove
 from protocols.errors import StudyError
 from protocols.journal import SessionResume, SessionStart
 from protocols.load import SECRET_SUFFIX, load_protocol, shipped

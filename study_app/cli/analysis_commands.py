@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis import SEED
-from protocols.errors import StudyError
-from protocols.prose import count_of
+from protocols.errors import StudyError, count_of
 from protocols.tasks.task_kinds import TASKS
 from study_app.cli.export_commands import register
 from study_app.cli.option_groups import CommandGroup
@@ -422,7 +421,7 @@ register_tables(app)
 
 
 def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
-    from protocols.study_file.from_numbers import preferences_of
+    from protocols.study_file.new_study import preferences_of
 
     missing = [f"--{name}" for name, value in numbers.items() if value is None]
     if missing:

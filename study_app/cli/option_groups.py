@@ -12,7 +12,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 from typer.models import OptionInfo, ParameterInfo
 
-from protocols.formats.key_docs import key_docs
+from protocols.units import key_docs
 from study_app.cli.error_messages import user_errors
 
 

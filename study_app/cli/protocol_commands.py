@@ -9,10 +9,9 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from protocols.disk.read_file import decode_utf8, read_bytes
-from protocols.disk.whole_file import write_new
+from protocols.disk.whole_file import decode_utf8, read_bytes, write_new
 from protocols.display import Display
-from protocols.errors import StudyError, must_be_one_of
+from protocols.errors import StudyError, count_of, must_be_one_of
 from protocols.feasibility import (
     MIB,
     TRIALS_IN_MEMORY,
@@ -27,7 +26,6 @@ from protocols.load import is_display, load_display, load_study, read_toml, ship
 from protocols.manifest import Manifest, read_manifest
 from protocols.outside import parsed_json
 from protocols.plan import Plan, make_plan
-from protocols.prose import count_of
 from protocols.revision import code_revision, package_version
 from protocols.study_file.plausible import display_notes, study_notes
 from protocols.study_file.preregister import preregistration, to_html, to_markdown

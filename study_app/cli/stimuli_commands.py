@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from protocols.errors import StudyError
-from protocols.prose import count_of
+from protocols.errors import StudyError, count_of
 from study_app.cli.build_command import build
 from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import DisplayOption, ProtocolArgument, one_of

@@ -20,8 +20,8 @@ from analysis.plans.table_settings import (
     TimeTableSettings,
 )
 from protocols.errors import StudyError
-from protocols.formats.key_docs import key_docs
 from protocols.tasks.base import Analysis
+from protocols.units import key_docs
 from study_app.cli.options import ReplaceOption, pairs
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say, say_notes

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.disk.read_file import read_bytes
+from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError
 from protocols.limits import check_rows, unpacked
 from protocols.outside import lines_of, reading

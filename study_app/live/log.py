@@ -1,7 +1,7 @@
 """The log of a live picture: a line for each flip, enough to draw every frame again.
 
 JSON lines, each with a checksum over itself and all lines before it
-(`protocols.journal_checksums`). Lines reach the system one by one: whoever kills the program loses
+(`protocols.journal_file`). Lines reach the system one by one: whoever kills the program loses
 the unfinished one at most.
 """
 
@@ -25,11 +25,11 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from pipeline.gl.texture import format_of
 from protocols.disk.hashing import Json, canonical_json, sha256_json
-from protocols.disk.read_file import read_bytes
+from protocols.disk.whole_file import read_bytes
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import UtcTime
-from protocols.journal_checksums import due, first_link, sealed_line, stated
+from protocols.journal_file import due, first_link, sealed_line, stated
 from protocols.latency import EyeState, LatencySummary
 from protocols.limits import check_within
 from protocols.recipes.base import Change

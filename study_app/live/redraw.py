@@ -18,7 +18,7 @@ from pydantic import TypeAdapter
 
 from pipeline.gl.texture import create_texture
 from protocols.disk.hashing import sha256_json
-from protocols.disk.read_file import read_bytes
+from protocols.disk.whole_file import read_bytes
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import Attempt, SessionResume, SessionStart

@@ -36,8 +36,8 @@ from protocols.browser.web_study import (
     scripts_at,
 )
 from protocols.disk.hashing import sha256_bytes, sha256_json
-from protocols.disk.read_file import read_bytes
 from protocols.disk.result_folder import whole_folder
+from protocols.disk.whole_file import read_bytes
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import TRIALS_IN_MEMORY, require_feasible, session_duration_s
@@ -45,8 +45,8 @@ from protocols.manifest import Clip, Manifest, check_manifest
 from protocols.plan import planned_trials
 from protocols.revision import code_revision
 from protocols.script import Drawn, Entry, Frames, Live, Picture, Place, Size, TrialScript
-from protocols.study_file.participant_texts import consent_text, fill
 from protocols.study_file.schema import StudyProtocol
+from protocols.study_file.session_schema import consent_text, fill
 from study_app.clips import check_files
 from study_app.paint import Bitmaps, Pixels, bitmaps_of, drawn
 

@@ -39,8 +39,8 @@ from protocols.browser.web_lines import (
 )
 from protocols.browser.web_study import deviations_s
 from protocols.disk.hashing import sha256_json
-from protocols.disk.read_file import read_bytes
 from protocols.disk.result_folder import whole_folder
+from protocols.disk.whole_file import read_bytes
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import (

@@ -8,8 +8,7 @@ import pytest
 from protocols.errors import StudyError
 from protocols.load import load_protocol, load_study, shipped
 from protocols.script import Words
-from protocols.study_file.participant_texts import key_label
-from protocols.study_file.session_schema import Response
+from protocols.study_file.session_schema import Response, key_label
 from study_app.pages import words_image
 from study_app.shown_texts import require_showable
 

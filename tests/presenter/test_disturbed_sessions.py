@@ -133,7 +133,7 @@ def test_a_second_session_on_the_desktop_is_refused_before_anything_is_written(
 def test_a_frame_that_a_network_disk_fails_to_give_is_one_message(monkeypatch, number, reason):
     from pathlib import Path
 
-    from protocols.disk.read_file import read_bytes
+    from protocols.disk.whole_file import read_bytes
     from protocols.errors import StudyError
 
     def failing(_path: Path, _mode: str) -> bytes:

@@ -9,7 +9,7 @@ from PIL import Image
 
 from protocols.journal import Answer, Break, Calibration, Note, Pause, SessionEnd
 from protocols.script import example_scripts, text_picture
-from protocols.study_file.participant_texts import fill
+from protocols.study_file.session_schema import fill
 from study_app.pages import PageLayout
 from study_app.paint import drawn
 from study_app.stage import Page

@@ -14,11 +14,10 @@ from attack.kills import CASES, write_study
 from analysis.export import FORMATS, ExportOptions, write_export
 from analysis.export.order import telling_columns, tells_order
 from analysis.export.write_export import export_study
-from protocols.counterbalancing import place_of, rounds
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol, shipped
-from protocols.plan import Plan, chosen, make_plan, planned_trials
+from protocols.plan import Plan, chosen, make_plan, place_of, planned_trials, rounds
 from protocols.study_file.plausible import study_notes
 from protocols.study_file.preregister import preregistration, to_markdown
 from protocols.study_file.schema import StudyProtocol

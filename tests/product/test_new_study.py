@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from protocols.display import Display
-from protocols.formats.key_docs import key_docs
 from protocols.load import load_display, load_protocol, shipped
 from protocols.recipes.warped_clips import BuiltinScene, Clips, FillMethod, Size
 from protocols.study_file.new_study import clip_fps, explained, study_files
@@ -17,6 +16,7 @@ from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import ClosingQuestion, Exclusions, Practice, Texts
 from protocols.tasks.pairs import CatchPair, PrimaryComparison
 from protocols.tasks.task_kinds import TASKS
+from protocols.units import key_docs
 from study_app.cli.new_study_command import slug
 
 

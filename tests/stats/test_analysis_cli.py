@@ -12,7 +12,7 @@ from undrawn_reports import undrawn
 
 from analysis.tasks import analysis_of
 from protocols.disk.result_folder import LISTING
-from protocols.study_file.from_numbers import preferences_of
+from protocols.study_file.new_study import preferences_of
 from study_app.cli import app
 
 

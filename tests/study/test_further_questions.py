@@ -19,7 +19,7 @@ from protocols.phases import STUDY_QUESTION, Bar, Bitmap, Clip, Image, Phase, Qu
 from protocols.plan import make_plan
 from protocols.script import Picture, StoredPicture, example_scripts, trial_script
 from protocols.study_file.session_schema import Gaze
-from protocols.tasks.two_interval import TwoInterval
+from protocols.tasks.pairs import TwoInterval
 from protocols.viewing import Viewing
 from study_app.attempt import run_attempt
 from study_app.cli import app

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from protocols.chance import Chance
+from protocols.disk.hashing import Chance
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import (

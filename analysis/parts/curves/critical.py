@@ -27,7 +27,7 @@ from analysis.report.wording import (
     size_range,
 )
 from protocols.blocks import Box, Cautions, FigurePlace, Heading, Paragraph, TableBlock
-from protocols.prose import count_of
+from protocols.errors import count_of
 
 
 @dataclass(frozen=True)

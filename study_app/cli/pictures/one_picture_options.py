@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from protocols.disk.left_behind import clear_files
+from protocols.disk.locks import clear_files
 from protocols.disk.result_folder import check_folder
 from protocols.errors import StudyError, did_you_mean
 from study_app.cli.terminal import PlainConsole

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from protocols.errors import StudyError
-from protocols.prose import count_of
+from protocols.errors import StudyError, count_of
 from study_app.archive.read_archive import INDEX_NAME, ArchiveFindings, check, check_folder, opened
 from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.cli.options import ProtocolArgument

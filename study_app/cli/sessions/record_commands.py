@@ -13,10 +13,9 @@ import typer
 from rich.live import Live
 from rich.table import Table
 
-from protocols.errors import StudyError
+from protocols.errors import StudyError, count_of
 from protocols.journal import SessionEnd
 from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
-from protocols.prose import count_of
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
     DisplayOption,

@@ -13,14 +13,13 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from protocols.errors import StudyError, must_be_one_of
+from protocols.errors import StudyError, count_of, must_be_one_of
 from protocols.feasibility import virtual_manifest
 from protocols.journal import Attempt, Remote, SessionEnd, SessionStart
 from protocols.latency import LatencySummary
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import make_plan
-from protocols.prose import count_of
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.pairs import PairTask
 from protocols.tasks.rates import RatesAnalysis

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from protocols.errors import StudyError
+from protocols.errors import StudyError, count_of
 from protocols.journal import AnyEvent, Attempt
 from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.latency import LatencySummary
 from protocols.load import load_display, load_study
-from protocols.prose import count_of
 from study_app.cli.error_messages import EXIT_USER_ERROR
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.sessions import archive_commands, web_commands

@@ -14,11 +14,10 @@ from protocols.browser.web_study import BUDGET_MB, DECODED_MB, MB
 from protocols.disk.hashing import sha256_file
 from protocols.disk.result_folder import without_links
 from protocols.display import Display
-from protocols.errors import StudyError
+from protocols.errors import StudyError, count_of
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
 from protocols.manifest import Manifest, read_manifest
-from protocols.prose import count_of
 from protocols.study_file.schema import StudyProtocol
 from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgument
 from study_app.cli.terminal import PlainConsole, say

@@ -25,10 +25,9 @@ from analysis.export import FORMATS, ExportOptions, Format
 from analysis.export.export_content import people_of
 from analysis.export.write_export import export_study
 from analysis.journals import read_study
-from protocols.counterbalancing import rounds
 from protocols.disk.hashing import sha256_bytes
 from protocols.load import load_display, load_protocol, shipped
-from protocols.plan import PlannedTrial, planned_trials
+from protocols.plan import PlannedTrial, planned_trials, rounds
 from protocols.study_file.schema import StudyProtocol
 from study_app.simulate import SimulatedStudy, simulate_study
 

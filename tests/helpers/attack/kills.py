@@ -19,7 +19,7 @@ from protocols.journal import Attempt, SessionEnd
 from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
 from protocols.phases import STUDY_QUESTION, Phase, Question, QuestionText
-from protocols.pool import Pool
+from protocols.recipes.base import Pool
 from protocols.study_file.new_study import study_files
 from protocols.tasks.base import Task
 from protocols.tasks.yes_no import YesNo

@@ -18,7 +18,7 @@ from random import Random
 from typing import Any
 
 from protocols.disk.hashing import canonical_json
-from protocols.journal_checksums import due, first_link
+from protocols.journal_file import due, first_link
 
 Change = Callable[[Random, bytes, Sequence[bytes]], bytes]
 

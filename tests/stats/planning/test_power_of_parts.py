@@ -25,7 +25,7 @@ from analysis.simulations import Choices, RatedSteps
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.load import load_protocol
-from protocols.study_file.from_numbers import preferences_of
+from protocols.study_file.new_study import preferences_of
 from protocols.tasks.base import Arrangement, Cell
 from study_app.cli import app
 

@@ -21,7 +21,7 @@ from protocols.adaptive.active_pairs import (
     next_batch,
     posterior,
 )
-from protocols.chance import Chance
+from protocols.disk.hashing import Chance
 from protocols.errors import StudyError
 
 ORACLE = json.loads(

@@ -13,9 +13,8 @@ from protocols.feasibility import check_feasible
 from protocols.formats.publish import json_schema, schema_names
 from protocols.load import load_display, load_protocol, protocol_of, read_toml
 from protocols.recipes.warped_clips import Clips
-from protocols.study_file.problems import problems_of
+from protocols.study_file.problems import cure_for_key_name, problems_of
 from protocols.study_file.session_schema import KEY_PATTERN, Response
-from protocols.study_file.suggest import cure_for_key_name
 from protocols.units import IN_WORDS
 
 STUDY = load_protocol(Path("inpainting-2afc"))

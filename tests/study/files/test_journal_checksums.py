@@ -16,8 +16,7 @@ from analysis.tidy import read_sessions
 from protocols.disk.hashing import canonical_json, sha256_bytes
 from protocols.errors import StudyError
 from protocols.journal import Attempt, Note, event_line
-from protocols.journal_checksums import due, first_link, sealed, stated
-from protocols.journal_file import read_journal
+from protocols.journal_file import due, first_link, read_journal, sealed, stated
 from protocols.load import load_display, load_protocol
 from study_app.cli import app
 from study_app.recorder import Recorder

@@ -12,8 +12,7 @@ import pytest
 from protocols.disk.hashing import sha256_file
 from protocols.errors import StudyError
 from protocols.journal import Note
-from protocols.journal_checksums import first_link, sealed
-from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
+from protocols.journal_file import JOURNAL_NAME, find_journals, first_link, read_journal, sealed
 from study_app.recorder import DiskError, Recorder
 from study_app.virtual import VirtualClock
 

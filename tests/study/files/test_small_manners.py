@@ -10,13 +10,13 @@ import pytest
 from rich.table import Table
 from typer.testing import CliRunner
 
-from protocols.disk.read_file import read_bytes
+from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError
 from protocols.journal import GazeInfo
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
-from protocols.study_file.participant_texts import key_label
 from protocols.study_file.preregister import preregistration, to_markdown
+from protocols.study_file.session_schema import key_label
 from study_app import simulate
 from study_app.cli import app
 from study_app.cli.sessions.session_commands import _data_of

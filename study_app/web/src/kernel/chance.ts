@@ -1,4 +1,4 @@
-/** Reproducible chance, as `protocols/chance.py` defines it: integers from SHA-256 of (seed, counter).
+/** Reproducible chance, as `protocols/disk/hashing.py` defines it: integers from SHA-256 of (seed, counter).
  *
  * SHA-256 is synchronous, so that what comes next in a session stays a pure function.
  */

@@ -1,4 +1,4 @@
-/** A slot's place in the counterbalancing, as `protocols/counterbalancing.py` defines it. */
+/** A slot's place in the counterbalancing, as `protocols/plan.py` defines it. */
 import { Chance } from "./chance";
 import type { Design } from "./design";
 
