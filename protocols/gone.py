@@ -52,6 +52,12 @@ INSTEAD: Mapping[str, str] = {
     "session verify --identity": "decrypt the archive by 'age --decrypt --identity key.txt --output"
     " backup.zip backup.zip.age', and verify backup.zip",
     "stimuli probe": "use 'metamerlab stimuli check CLIPS --flicker'",
+    "demo --no-studies": "use 'metamerlab demo', which runs one study; --all runs the others, too",
+    "demo --no-window": "use 'metamerlab demo', which opens no window without --all",
+    "demo --pictures-only": (
+        "use 'metamerlab warp motorcycle OUT.png --compare SHEET.png', or 'metamerlab demo', which"
+        " begins with these pictures"
+    ),
     "denoise train": "use the networks that come along, as 'metamerlab denoise run' does",
 }
 """Words that name a removed part, as a user writes them, and what to do instead.

@@ -6,7 +6,9 @@ import io
 import json
 import os
 import re
+import shlex
 import shutil
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +26,7 @@ from protocols.manifest import read_manifest
 from study_app.cli import app
 from study_app.cli.demo import demonstration
 from study_app.cli.demo.demonstration import run_demo
+from study_app.cli.demo.run_commands import Said, run_commands
 from study_app.cli.demo.steps import Options, steps_of
 from study_app.cli.demo.xvfb import PROGRAMS
 from study_app.session_folders import find_sessions
@@ -76,16 +79,14 @@ def run_quietly(options: Options) -> str:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> Options:
-    """Run the demonstration once; without a window where none can be opened."""
+    """Run every step once, on a few small clips."""
     pytest.importorskip("skimage")
     folder = tmp_path_factory.mktemp("demo")
-    reason = missing_window()
-    if reason and os.environ.get("REQUIRE_GL") == "1":
-        pytest.fail(f"REQUIRE_GL=1, and there is {reason}")
+    if reason := missing_window():
+        (pytest.fail if os.environ.get("REQUIRE_GL") == "1" else pytest.skip)(f"there is {reason}")
     options = Options(
-        folder / "out", str(write_small_study(folder)), observers=3, window=not reason,
-        figures=False, studies=False,
-    )  # fmt: skip
+        folder / "out", str(write_small_study(folder)), all=True, observers=3, figures=False
+    )
     run_quietly(options)
     return options
 
@@ -104,14 +105,18 @@ def test_the_page_says_on_every_screen_that_the_observers_are_simulated(page):
 
 
 @pytest.mark.slow
-def test_the_page_shows_and_links_files_of_its_folder_alone(made, page):
-    named = re.findall(r'(?:src|href)="([^"#]+)"', page)
+def test_the_page_shows_pictures_of_its_own_and_links_files_of_its_folder(made, page):
+    shown = re.findall(r'src="([^"]+)"', page)
+    linked = re.findall(r'href="([^"#]+)"', page)
 
-    assert {
-        "pictures/before-and-after.png", "clips/contact-sheet.html", "trial.html", "sessions/",
-        "report/report.html",
-    } <= set(named)  # fmt: skip
-    assert [name for name in named if not (made.out / name).exists()] == []
+    assert {name.partition(";")[0] for name in shown} == {
+        "data:image/png", "data:image/webp", "data:video/webm"
+    }  # fmt: skip
+    assert {"clips/contact-sheet.html", "trial.html", "sessions/", "report/report.html"} <= set(
+        linked
+    )
+    assert len([name for name in linked if name.endswith("report.html")]) == 1 + 7
+    assert [name for name in linked if not (made.out / name).exists()] == []
     assert page.count("<video") == 2 * 3  # scenes x methods
     assert "http" not in page.replace("http-equiv", "")
 
@@ -142,7 +147,7 @@ def test_all_observers_took_part_in_the_study_that_was_built(made):
     assert {start.manifest_sha256 for start in starts} == {manifest.sha256}
     assert sorted(start.slot for start in starts) == list(range(made.observers))
     evidence = [start.timing_evidence for start in starts]
-    assert evidence.count("software timer") == made.window  # one sat before a real window
+    assert evidence.count("software timer") == 1  # one sat before a real window
 
 
 @pytest.mark.slow
@@ -162,19 +167,21 @@ def test_run_again_it_keeps_what_is_done(made):
     assert "$ metamerlab" not in printed
 
 
-@pytest.mark.full
-@pytest.mark.timeout(1800)
-def test_the_demonstration_itself_ends_in_a_whole_page(tmp_path):
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_the_demonstration_itself_is_one_page_that_begins_with_a_picture_and_the_result(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv("PATH", str(tmp_path))  # it needs no X server
     result = CliRunner().invoke(app, ["demo", "--out", str(tmp_path / "out")])
 
     assert result.exit_code == 0, result.output
     page = (tmp_path / "out/index.html").read_text(encoding="utf-8")
-    named = re.findall(r'(?:src|href)="([^"#]+)"', page)
-    assert [name for name in named if not (tmp_path / "out" / name).exists()] == []
+    first = [page.index(words) for words in ("<img src", "SIMULATED data. Metameric", "<details>")]
+    assert first == sorted(first)
     assert len(find_sessions(tmp_path / "out/sessions")) == 12
-    assert "pictures/gaze.webp" in named
-    assert len([name for name in named if name.endswith("report.html")]) == 1 + 5
-    assert len([name for name in named if name.endswith(".svg")]) == 2 * 2  # shown, and linked
+    assert page.count("data:image/svg+xml") == page.count("data:image/png") == 2
+    assert "pictures/before-and-after.png" in result.output.partition("$ metamerlab foveate")[0]
 
 
 # What it does of its steps, with commands that do nothing
@@ -186,36 +193,57 @@ class Commands(list):
     fails = ""
 
 
+class Here(Executor):
+    """This process in place of others."""
+
+    def submit(self, function, /, *arguments):
+        done = Future()
+        done.set_result(function(*arguments))
+        return done
+
+    def stop(self) -> None:
+        """Nothing goes on."""
+
+
 @pytest.fixture
 def commands(monkeypatch) -> Commands:
     ran = Commands()
 
-    def command(demo, words, _env, _alone):
-        ran.append(" ".join(words[:2]))
-        if ran[-1] == ran.fails:
-            raise StudyError(f"{ran[-1]} must end well")
-        for step in steps_of(demo.options, "showcase"):
-            for chain in step.chains():
-                if words in chain:
+    def run(commands, folder, _env):
+        said = []
+        for words in commands:
+            ran.append(" ".join(words[:2]))
+            said.append((shlex.join(["metamerlab", *words]), "said"))
+            if ran[-1] == ran.fails:
+                return Said(said, 1.0, 2)
+            for step in ran.steps:
+                if words in [one for chain in step.chains() for one in chain]:
                     for name in step.named(step.makes):
-                        (demo.out / name).parent.mkdir(parents=True, exist_ok=True)
-                        (demo.out / name).write_text(str(len(ran)))
-        return " ".join(words), "said"
+                        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                        (folder / name).write_text(str(len(ran)))
+        return Said(said, 1.0, 0)
 
-    monkeypatch.setattr(demonstration._Demo, "_command", command)
+    def steps(*arguments):
+        ran.steps = steps_of(*arguments)
+        return ran.steps
+
+    monkeypatch.setattr(demonstration, "steps_of", steps)
+    monkeypatch.setattr(demonstration, "run_commands", run)
+    monkeypatch.setattr(demonstration, "local_processes", lambda _: Here())
     return ran
 
 
 @pytest.fixture
 def options(tmp_path) -> Options:
-    return Options(tmp_path / "out", window=False, studies=False)
+    return Options(tmp_path / "out")
 
 
 def test_every_command_of_every_step_is_one_that_metamerlab_takes(tmp_path):
     for options in (
-        Options(tmp_path), Options(tmp_path, display="fhd27-60hz", figures=False),
-        Options(tmp_path, study="/a folder/study.toml", window=False),
-    ):  # fmt: skip
+        Options(tmp_path),
+        Options(tmp_path, all=True),
+        Options(tmp_path, "/a folder/study.toml", True, display="fhd27-60hz", figures=False),
+    ):
         for step in steps_of(options, "showcase"):
             for chain in step.chains():
                 for words in chain:
@@ -230,8 +258,8 @@ def test_every_command_of_every_step_is_one_that_metamerlab_takes(tmp_path):
 
 def test_another_seed_makes_sessions_anew_and_recorded_ones_are_refused(options, commands):
     run_quietly(options)
-    journal = options.out / "sessions/showcase/S001/journal.jsonl"
-    mine = options.out / "sessions/showcase/S001/notes.txt"
+    journal = options.out / "sessions/glimpse/S001/journal.jsonl"
+    mine = options.out / "sessions/glimpse/S001/notes.txt"
     recorded = journal.parent.parent / "S900" / "journal.jsonl"
     other = replace(options, seed=1)
     simulated = journal.read_text()
@@ -244,7 +272,7 @@ def test_another_seed_makes_sessions_anew_and_recorded_ones_are_refused(options,
     recorded.write_text("of a person")
     with pytest.raises(StudyError, match=r"S900: must hold nothing but.*it holds journal\.jsonl"):
         run_quietly(other)
-    again = CliRunner().invoke(app, ["demo", "--no-window", "--out", str(options.out), "--fresh"])
+    again = CliRunner().invoke(app, ["demo", "--out", str(options.out), "--fresh"])
     assert again.exit_code == 2
     assert "S900/journal.jsonl" in " ".join(again.output.split())
     assert recorded.read_text() == "of a person"
@@ -268,14 +296,16 @@ def test_with_other_clips_all_that_came_of_them_is_done_again(options, commands)
     run_quietly(replace(options, display="fhd27-60hz"))
 
     assert commands == [
-        "warp motorcycle", "stimuli build", "stimuli check", "protocol preview",
+        "warp motorcycle", "stimuli build", "foveate pictures/metameric.png",
         "session simulate", "session list", "analysis report",
     ]  # fmt: skip
 
 
 def test_after_a_command_that_failed_it_goes_on_from_there(options, commands):
     commands.fails = "session simulate"
-    with pytest.raises(StudyError, match="session simulate must end well"):
+    with pytest.raises(
+        StudyError, match=r"'metamerlab session simulate.*must end well in .*status 2"
+    ):
         run_quietly(options)
     assert not (options.out / "index.html").exists()
     commands.fails = ""
@@ -289,57 +319,49 @@ def test_after_a_command_that_failed_it_goes_on_from_there(options, commands):
 
 def test_what_was_deleted_is_made_again(options, commands):
     run_quietly(options)
-    (options.out / "trial.html").unlink()
+    (options.out / "pictures/conditions.png").unlink()
     del commands[:]
 
     run_quietly(options)
 
-    assert commands == ["protocol preview"]
+    assert commands == ["foveate pictures/metameric.png"]
 
 
-def test_pictures_alone_are_one_command(options, commands):
-    run_quietly(replace(options, window=True, pictures_only=True))
+def test_a_command_that_fails_is_the_last_one_and_says_why(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", [])
 
-    assert commands == ["warp motorcycle"]
-    page = (options.out / "index.html").read_text(encoding="utf-8")
-    assert "pictures/before-and-after.png" in page
-    assert "recorded" not in page
+    done = run_commands([["stimuli", "check", "nowhere"], ["doctor"]], tmp_path, {})
 
-
-def test_a_command_that_fails_is_named_with_the_folder(options, capfd):
-    options.out.mkdir()
-    demo = demonstration._Demo(options, Console(file=io.StringIO()))
-
-    with pytest.raises(StudyError, match=r"'metamerlab stimuli check nowhere' must end well .*2"):
-        demo._command(["stimuli", "check", "nowhere"], dict(os.environ), True)
-
-    assert "nowhere" in capfd.readouterr().err
+    assert done.status == 2
+    ((words, text),) = done.said
+    assert words == "metamerlab stimuli check nowhere"
+    assert text.startswith("error: nowhere")
 
 
 def test_where_xvfb_is_missing_the_message_says_what_to_do(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
 
-    result = CliRunner().invoke(app, ["demo", "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(app, ["demo", "--all", "--out", str(tmp_path / "out")])
 
     assert result.exit_code == 2
-    for cure in ("Xvfb", "apt-get install xvfb openbox", "--display", "--no-window"):
+    for cure in ("Xvfb", "apt-get install xvfb openbox", "--display", "leave out --all"):
         assert cure in result.output
     assert not (tmp_path / "out").exists()
 
 
-def test_a_window_nowhere_and_on_a_display_is_refused(tmp_path):
-    arguments = ["demo", "--out", str(tmp_path), "--no-window", "--display", "fhd27-60hz"]
+def test_a_display_without_a_window_is_refused(tmp_path):
+    arguments = ["demo", "--out", str(tmp_path), "--display", "fhd27-60hz"]
 
     result = CliRunner().invoke(app, arguments)
 
     assert result.exit_code == 2
-    assert "exclude each other" in result.output
+    assert "--display must stand beside --all" in result.output
 
 
-@pytest.mark.parametrize("more", [("--no-window",), ("--pictures-only",)])
-def test_a_folder_of_other_things_is_left_alone(tmp_path, more):
+def test_a_folder_of_other_things_is_left_alone(tmp_path):
     (tmp_path / "report").mkdir()
-    arguments = ["demo", "--out", str(tmp_path), *more]
+    arguments = ["demo", "--out", str(tmp_path)]
 
     result = CliRunner().invoke(app, arguments)
     fresh = CliRunner().invoke(app, [*arguments, "--fresh"])
@@ -353,7 +375,7 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path, more):
 def test_it_says_where_it_cannot_write(tmp_path):
     (tmp_path / "out").write_text("a file")
 
-    result = CliRunner().invoke(app, ["demo", "--pictures-only", "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(app, ["demo", "--out", str(tmp_path / "out")])
 
     assert result.exit_code == 2
     assert "out" in result.output

@@ -133,7 +133,7 @@ def test_the_package_of_the_installing_page_adds_its_method(
 @pytest.mark.full
 @pytest.mark.timeout(900)
 def test_the_installed_demonstration_writes_its_page(metamerlab, tmp_path):
-    metamerlab("demo", "--out", "demo", "--participants", 3, "--no-studies")
+    metamerlab("demo", "--out", "demo", "--participants", 3)
 
     assert (tmp_path / "demo/index.html").stat().st_size > 10_000
     assert [*(tmp_path / "demo").rglob("report.html")]

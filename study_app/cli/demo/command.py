@@ -17,26 +17,21 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder to fill; made if it is missing.")] = Path(
         "out/demo"
     ),
-    pictures_only: Annotated[
-        bool, typer.Option(help="Only warp and fill one photograph, without a study.")
+    everything: Annotated[
+        bool,
+        typer.Option(
+            "--all", help="Also a real window, every clip, foveated studies and another task."
+        ),
     ] = False,
-    participants: Annotated[
-        int, typer.Option(min=2, help="Simulated observers, the one before the window included.")
-    ] = 12,
+    participants: Annotated[int, typer.Option(min=2, help="Simulated observers.")] = 12,
     display: Annotated[
         str | None,
         typer.Option(
-            help="Show the window on this machine's screen, which this display file (or name)"
-            r" describes. \[default: a screen of its own without a monitor]",
+            help="Show the window of --all on this machine's screen, described by this display file"
+            r" (or name). \[default: a screen of its own without a monitor]",
             show_default=False,
         ),
     ] = None,
-    no_window: Annotated[
-        bool, typer.Option(help="Simulate every observer without a window.")
-    ] = False,
-    no_studies: Annotated[
-        bool, typer.Option(help="Leave out foveated pictures, their studies, and another task.")
-    ] = False,
     fresh: Annotated[
         bool, typer.Option(help="Delete an earlier demonstration there first.")
     ] = False,
@@ -46,22 +41,21 @@ def demo(
 ) -> None:
     """See the whole chain at work: clips, sessions, report.
 
-    A pair of photographs and two rendered scenes are warped, and their holes are filled.
-    Simulated observers compare the fills in real sessions, one of them in a real window. Their
-    answers are analysed. Each study on foveated pictures shows its trials and a report. The
-    demonstration runs the commands that a study runs, and prints them. One page shows and links
-    all: OUT/index.html. The same command continues after an interruption, and keeps what is done.
+    A photograph is filled in three ways, and a metamer of it is made beside a blur. Simulated
+    observers compare the fills in a small study, and the report is written: a minute in all. With
+    --all one observer sits before a real window, more clips are made, and each study on foveated
+    pictures shows its trials and a report: ten minutes. The demonstration runs the commands that
+    a study runs, and prints them. One page shows all, and can be sent: OUT/index.html. The same
+    command continues after an interruption, and keeps what is done.
 
     Examples:
 
         metamerlab demo --out out/demo
 
-        metamerlab demo --pictures-only --out out/pictures
+        metamerlab demo --all --out out/all
     """
-    if no_window and display is not None:
-        raise StudyError(
-            "--no-window and --display exclude each other: a display is where the window goes"
-        )
+    if display is not None and not everything:
+        raise StudyError("--display must stand beside --all: no other demonstration has a window")
     from study_app.cli.demo.demonstration import RECORD_NAME, run_demo
     from study_app.cli.demo.steps import Options
 
@@ -79,17 +73,15 @@ def demo(
             )
         remove_listed(out)
     console = PlainConsole(soft_wrap=True)
-    if not pictures_only:
-        console.print("The demonstration takes some minutes. Observers are simulated.")
+    console.print("Observers are simulated.")
     options = Options(
         out,
+        study="showcase" if everything else "glimpse",
+        all=everything,
         observers=participants,
-        window=not no_window,
         # Commands run in the folder of the demonstration.
         display=str(Path(display).resolve()) if display and Path(display).exists() else display,
         seed=seed,
-        studies=not no_studies,
-        pictures_only=pictures_only,
     )
     with going_on():
         page = run_demo(options, console)

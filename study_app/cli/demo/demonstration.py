@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
 import shutil
-import subprocess
-import sys
-import time
-from concurrent.futures import ThreadPoolExecutor
+from base64 import b64encode
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import nullcontext
 from importlib.resources import as_file, files
+from mimetypes import guess_type
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 from rich.console import Console
 
-from protocols.blocks import MediaFile, MediaRow, TableBlock
+from protocols.blocks import MediaFile, MediaRow
 from protocols.disk.hashing import sha256_json
 from protocols.disk.result_folder import remove_listed, unlisted, write_listing
 from protocols.disk.whole_file import write_whole
@@ -27,16 +26,13 @@ from protocols.html_page import html_page
 from protocols.load import load_study
 from protocols.outside import page_bytes
 from protocols.revision import code_revision, package_version
-from stimuli.executors import cores
-from study_app.cli.demo.steps import SCREEN, Options, Step, steps_of
+from stimuli.executors import LocalProcesses, cores, local_processes
+from study_app.cli.demo.steps import SCREEN, Options, Said, Step, run_commands, steps_of
 from study_app.cli.demo.xvfb import require_screen, virtual_screen
 from study_app.session_folders import is_stillborn
 
 RECORD_NAME = "demo.json"
 PAGE_NAME = "index.html"
-_OURS = (
-    PAGE_NAME, "pictures", "clips", "sessions", "report", "trial.html", "studies", SCREEN,
-)  # fmt: skip
 
 
 def run_demo(options: Options, console: Console) -> Path:
@@ -53,17 +49,16 @@ def run_demo(options: Options, console: Console) -> Path:
         With what a command said that failed; what was finished is kept, and the next run goes on
         from there.
     """
-    if options.window and options.display is None and not options.pictures_only:
+    if options.all and options.display is None:
         require_screen()
     out = options.out
     out.mkdir(parents=True, exist_ok=True)
-    if not (out / RECORD_NAME).exists():
-        for name in _OURS:
-            if (out / name).exists():
-                raise StudyError(
-                    f"{out}: must be empty or made by 'metamerlab demo' (it holds {name}"
-                    f" but no {RECORD_NAME}); choose another --out, or move it away"
-                )
+    held = next(out.iterdir(), None)
+    if held and not (out / RECORD_NAME).exists():
+        raise StudyError(
+            f"{out}: must be empty or made by 'metamerlab demo' (it holds {held.name} but no"
+            f" {RECORD_NAME}); choose another --out, or move it away"
+        )
     theirs = set(unlisted(out)) - {out / RECORD_NAME}
     try:
         return _Demo(options, console).run()
@@ -92,8 +87,18 @@ class _Demo:
 
     def run(self) -> Path:
         steps = steps_of(self.options, self.protocol.study.name)
-        for number, step in enumerate(steps, 1):
-            self._run(step, f"{number}/{len(steps)} {step.title}")
+        todo = {step.name: step for step in steps if not self._is_kept(step)}
+        with local_processes(min(2, cores())) as pool:
+            try:
+                self._run(todo, pool)
+            except BrokenProcessPool:
+                raise StudyError(
+                    "a process of the demonstration was killed (out of memory?); run this again: it"
+                    " goes on from there"
+                ) from None
+            except BaseException:
+                pool.stop()
+                raise
         version = f"{package_version()}, revision {code_revision()}"
         study = Markup("metamerlab {} · study <code>{}</code>").format(version, self.options.study)
         text = html_page(
@@ -105,39 +110,29 @@ class _Demo:
             steps=steps,
             record=self.record,
             shown={step.name: self._shown(step) for step in steps},
-            done=self._done(steps),
             options=self.options,
             out=os.path.relpath(self.out),
         )
         write_whole(self.out / PAGE_NAME, page_bytes(text))
         return self.out / PAGE_NAME
 
-    def _done(self, steps: list[Step]) -> TableBlock:
-        """Return the table of steps with their times, in numbers and as bars."""
-        seconds = {step.name: self.record[step.name]["seconds"] for step in steps}
-        longest_s = max(seconds.values()) or 1.0
-        link = Markup('<a href="#{}">{}</a>').format
-        bar = Markup('<i style="width: {:.1f}%"></i>').format
-        return TableBlock.each(
-            "",
-            steps,
-            ("Step", "l strong", lambda step: link(step.name, step.title)),
-            ("Time", "n", lambda step: f"{seconds[step.name]:.1f} s"),
-            ("", "lasts", lambda step: bar(100 * seconds[step.name] / longest_s)),
-        )
+    def _paths(self, step: Step) -> list[Path]:
+        """Return the pictures and videos that the page shows of a step."""
+        return [path for pattern in step.shows for path in sorted(self.out.glob(pattern))]
 
     def _shown(self, step: Step) -> MediaRow:
-        """Return the pictures, videos and pages that the page shows of a step."""
-        paths = [path for pattern in step.shows for path in sorted(self.out.glob(pattern))]
+        """Return them as parts of the page itself."""
         shots = []
-        for path in paths:
-            address = path.relative_to(self.out).as_posix()
+        for path in self._paths(step):
+            kind, _ = guess_type(path.name)
             name = path.name.partition(".")[0].replace("__", ", ") if path.suffix == ".webm" else ""
-            alt = step.title if path.suffix == ".html" else f"{step.title}: {address}"
-            shots.append(MediaFile(address, name, alt, link=address))
-        return MediaRow(tuple(shots), least_rem=20.0 if len(shots) > 1 else 60.0)
+            data = b64encode(path.read_bytes()).decode("ascii")
+            alt = f"{step.title}: {path.relative_to(self.out).as_posix()}"
+            shots.append(MediaFile(f"data:{kind};base64,{data}", name, alt))
+        return MediaRow(tuple(shots), least_rem={1: 60.0, 2: 30.0}.get(len(shots), 20.0))
 
-    def _run(self, step: Step, label: str) -> None:
+    def _is_kept(self, step: Step) -> bool:
+        """Return True for a step that is done; else what it left of other wishes is removed."""
         key = self.keys[step.name] = sha256_json(
             [
                 code_revision(), self.protocol.sha256, self.display.model_dump(mode="json"),
@@ -151,62 +146,54 @@ class _Demo:
             and "said" in known
             and all((self.out / name).exists() for name in step.named(step.makes))
         ):
-            self.console.print(f"{label}: kept")
-            return
+            self.console.print(f"{step.title}: kept")
+            return True
         if not begun:
             self._clear(step.named(step.clears))
         self.record[step.name] = {"key": key}
         self._note()
-        self.console.print(f"{label} ...", style="bold")
-        own_screen = step.when == "window" and self.options.display is None
-        began_s = time.monotonic()
-        chains = step.chains()
-        with (
-            virtual_screen(self.display) if own_screen else nullcontext(dict(os.environ)) as env,
-            ThreadPoolExecutor(min(cores(), len(chains))) as pool,
-        ):
-            done = pool.map(
-                lambda chain: [self._command(one, env, len(chains) == 1) for one in chain], chains
-            )
-            said = [one for chain in done for one in chain]
-        took_s = time.monotonic() - began_s
+        return False
+
+    def _run(self, todo: dict[str, Step], pool: LocalProcesses) -> None:
+        """Run steps side by side, each when what it needs is done."""
+        running: dict[str, list[Future[Said]]] = {}
+        while todo:
+            for name, step in todo.items():
+                if name in running or any(need in todo for need in step.needs):
+                    continue
+                if step.when == "window" and running:
+                    break  # the machine must be its own
+                running[name] = self._begun(step, pool)
+            waited = [one for chains in running.values() for one in chains if not one.done()]
+            wait(waited, return_when=FIRST_COMPLETED)
+            for name in [name for name in running if all(one.done() for one in running[name])]:
+                self._end(todo.pop(name), [one.result() for one in running.pop(name)])
+
+    def _begun(self, step: Step, pool: LocalProcesses) -> list[Future[Said]]:
+        self.console.print(f"{step.title} ...", style="bold")
+        out, chains = self.out.resolve(), step.chains()
+        if step.when != "window":
+            return [pool.submit(run_commands, chain, out, {}) for chain in chains]
+        (session, *after), *_ = chains
+        code = session[session.index("--participant") + 1]
+        folder = self.out / "sessions" / self.protocol.study.name / code
+        if folder.exists() and not is_stillborn(folder):
+            session = ["session", "resume", *session[2:]]
+        screen = nullcontext({}) if self.options.display else virtual_screen(self.display)
+        with screen as env, local_processes(1) as alone:
+            return [alone.submit(run_commands, [session, *after], out, env)]
+
+    def _end(self, step: Step, chains: list[Said]) -> None:
+        """Print and note what a step's commands said."""
+        said = [one for chain, _ in chains for one in chain]
+        for words, text in said:
+            self.console.print(f"$ {words}")
+            self.console.print(text)
+        took_s = sum(seconds for _, seconds in chains)
         self.record[step.name] |= {"seconds": round(took_s, 2), "said": said}
         self._note()
-        self.console.print(f"{label}: {took_s:.0f} s")
-
-    def _command(self, command: list[str], env: dict[str, str], alone: bool) -> tuple[str, str]:
-        """Run a command, print it with what it says, and return both."""
-        if command[:2] == ["session", "run"]:
-            code = command[command.index("--participant") + 1]
-            session = self.out / "sessions" / self.protocol.study.name / code
-            if session.exists() and not is_stillborn(session):
-                command = ["session", "resume", *command[2:]]
-        words = f"metamerlab {shlex.join(command)}"
-        self.console.print(f"$ {words}")
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "metamerlab", *command],
-            cwd=self.out, env=env, text=True, encoding="utf-8", errors="replace",
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=None if alone else subprocess.STDOUT,  # bars of several would overwrite another
-        )  # fmt: skip
-        lines = []
-        assert process.stdout is not None
-        try:
-            for line in process.stdout:
-                lines.append(line.rstrip())
-                self.console.print(lines[-1])
-        finally:
-            if process.poll() is None and sys.exc_info()[0] is not None:
-                process.terminate()
-            process.wait()
-            process.stdout.close()
-        if process.returncode != 0:
-            raise StudyError(
-                f"'{words}' must end well in {self.out} (it ended with status"
-                f" {process.returncode}; what it said stands above); mend that, and run this again:"
-                " it goes on from there"
-            )
-        return words, "\n".join(lines)
+        for path in self._paths(step):
+            self.console.print(f"look at {path}", style="bold")
 
     def _clear(self, patterns: list[str]) -> None:
         """Remove what demonstrations made, to make it again.

@@ -1,15 +1,31 @@
-"""The steps of a demonstration: commands of metamerlab, and what its page shows of each."""
+"""The steps of a demonstration: commands of metamerlab, and what its page shows of each.
+
+A process runs one command after the other, so that it reads their modules once.
+"""
 
 from __future__ import annotations
 
+import io
+import os
 import shlex
+import sys
+import time
 import tomllib
+from collections.abc import Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
+from typing import TypeAlias
 
-STUDY = "showcase"
+from protocols.errors import StudyError
+from stimuli.executors import cores
+from study_app.cli import main
+
 SCREEN = "screen.toml"
+
+Said: TypeAlias = tuple[list[tuple[str, str]], float]
+"""Commands with what each said, and the seconds that all took."""
 
 
 @dataclass(frozen=True)
@@ -17,18 +33,14 @@ class Options:
     """Wishes of who runs `metamerlab demo`."""
 
     out: Path
-    study: str = STUDY
+    study: str = "glimpse"
     """Name or absolute path."""
+    all: bool = False
+    """True if every step is wanted: a real window, and studies on foveated pictures too."""
     observers: int = 12
-    window: bool = True
-    """True if one of them sits before a real window."""
     display: str | None = None
     """The user's own screen, a name or an absolute path; None: a screen without a monitor."""
     seed: int = 0
-    figures: bool = True
-    studies: bool = True
-    """True if foveated pictures, their studies and another task are shown too."""
-    pictures_only: bool = False
 
 
 @dataclass(frozen=True)
@@ -41,15 +53,16 @@ class Step:
     commands: list[str]
     """Run one after the other, in the folder of the demonstration."""
     when: str = ""
-    """Option that must be on: ``study``, ``window`` or ``studies``; empty: it always runs."""
+    """``all``: it runs with --all only; ``window``: then, and before a window, with the machine to
+    itself; empty: it always runs."""
     each: list[str] = field(default_factory=lambda: [""])
-    """Names that ``{name}`` stands for: all is done for each, and these share the processors."""
+    """Names that ``{name}`` stands for: all is done for each."""
     makes: list[str] = field(default_factory=list)
     """Files that a finished step leaves."""
     links: dict[str, str] = field(default_factory=dict)
     """Place and words of what the page leads to."""
     shows: list[str] = field(default_factory=list)
-    """Patterns of pictures, videos and pages that the page shows."""
+    """Patterns of pictures and videos that the page shows."""
     needs: list[str] = field(default_factory=list)
     """Steps whose results it reads: it is done again with them."""
     clears: list[str] = field(default_factory=list)
@@ -66,31 +79,17 @@ class Step:
         """Return `texts` for each name."""
         return [text.replace("{name}", name) for name in self.each for text in texts]
 
-    def all_links(self) -> list[tuple[str, str]]:
-        """Return place and words of every link, for each name."""
-        return list(
-            zip(self.named(list(self.links)), self.named(list(self.links.values())), strict=True)
-        )
-
 
 def steps_of(options: Options, folder: str) -> list[Step]:
     """Return all steps that are asked for, in their order; `folder` is that of the sessions."""
-    study = not options.pictures_only
-    asked = {
-        "": True,
-        "study": study,
-        "window": study and options.window,
-        "studies": study and options.studies,
-    }
     values = {
         "study": shlex.quote(options.study),
         "folder": folder,
         "display": shlex.quote(options.display or SCREEN),
         "pacing": "" if options.display else "--software-pacing",
         "seed": str(options.seed),
-        "virtual": str(options.observers - options.window),
-        "their": "S" if options.window else "",  # without a window all are on the virtual display
-        "figures": "" if options.figures else "--no-figures",
+        "virtual": str(options.observers - options.all),  # one sits before the window
+        "workers": str(max(1, cores() - 1)),  # the pictures are made beside the clips
         "name": "{name}",
     }
     text = (files("study_app.cli.demo") / "steps.toml").read_text(encoding="utf-8")
@@ -99,5 +98,33 @@ def steps_of(options: Options, folder: str) -> list[Step]:
     return [
         Step(**vars(step) | {key: [one.format(**values) for one in vars(step)[key]]
                              for key in filled})
-        for step in steps if asked[step.when]
+        for step in steps if options.all or not step.when
     ]  # fmt: skip
+
+
+def run_commands(commands: list[list[str]], folder: Path, env: Mapping[str, str]) -> Said:
+    """Run commands in this process, one after the other.
+
+    Raises
+    ------
+    StudyError
+        If one fails, with what it said.
+    """
+    os.chdir(folder)
+    os.environ.update(env)
+    began_s, said = time.monotonic(), []
+    for command in commands:
+        sys.argv = ["metamerlab", *command]
+        words, text = shlex.join(sys.argv), io.StringIO()
+        with redirect_stdout(text), redirect_stderr(text):
+            try:
+                main()
+            except SystemExit as end:
+                status = end.code
+        said.append((words, text.getvalue().rstrip()))
+        if status:
+            raise StudyError(
+                f"'{words}' must end well in {folder} (it ended with status {status}); mend that,"
+                f" and run this again: it goes on from there. It said:\n{said[-1][1]}"
+            )
+    return said, time.monotonic() - began_s

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from subprocess import DEVNULL, PIPE, Popen
 
 from protocols.display import Display
 from protocols.errors import StudyError
@@ -25,9 +25,9 @@ def require_screen() -> None:
     missing = [name for name in PROGRAMS if shutil.which(name) is None]
     if missing:
         raise StudyError(
-            f"one observer needs a window, and with it {' and '.join(PROGRAMS)} (missing:"
+            f"--all needs a window, and with it {' and '.join(PROGRAMS)} (missing:"
             f" {', '.join(missing)}); install them ('apt-get install xvfb openbox'), or show the"
-            " window on your own screen (--display FILE), or do without it (--no-window)"
+            " window on your own screen (--display FILE), or do without it (leave out --all)"
         )
 
 
@@ -38,47 +38,34 @@ def virtual_screen(display: Display) -> Iterator[dict[str, str]]:
     Yields
     ------
     dict of str to str
-        The environment of a program that shall open its window there.
+        What the environment of a program has that shall open its window there.
 
     Raises
     ------
     StudyError
-        If the programs are missing or the server does not start.
+        If the server does not start.
     """
-    require_screen()
     with ExitStack() as stack:
         reading, writing = os.pipe()
         command = [
             "Xvfb", "-displayfd", str(writing), "-screen", "0",
             f"{display.width_px}x{display.height_px}x24", "-nolisten", "tcp",
         ]  # fmt: skip
-        server = subprocess.Popen(
-            command, pass_fds=(writing,), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        server = stack.enter_context(
+            Popen(command, pass_fds=(writing,), stdout=DEVNULL, stderr=PIPE, text=True)
         )
-        stack.callback(_end, server)
+        stack.callback(server.terminate)
         os.close(writing)
         with os.fdopen(reading) as pipe:
             number = pipe.readline().strip()
         if not number:
-            said = server.stderr.read().decode("utf-8", "replace") if server.stderr else ""
+            said = server.stderr.read() if server.stderr else ""
             raise StudyError(
-                f"Xvfb must start (it said: {said.strip() or 'nothing'}); mend that, or leave the"
-                " window out with --no-window"
+                f"Xvfb must start (it said: {said.strip() or 'nothing'}); mend that, or leave out"
+                " --all, which wants a window"
             )
-        env = {**os.environ, "DISPLAY": f":{number}", "LIBGL_ALWAYS_SOFTWARE": "1"}
-        manager = subprocess.Popen(
-            ["openbox"], env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        stack.callback(_end, manager)
+        env = {"DISPLAY": f":{number}", "LIBGL_ALWAYS_SOFTWARE": "1"}
+        manager = Popen(["openbox"], env=os.environ | env, stdout=DEVNULL, stderr=DEVNULL)
+        stack.enter_context(manager)
+        stack.callback(manager.terminate)
         yield env
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.terminate()
-    try:
-        process.wait(timeout=10)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    if process.stderr:
-        process.stderr.close()
