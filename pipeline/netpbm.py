@@ -76,7 +76,8 @@ def read_netpbm(path: Path) -> Netpbm | None:
         largest = float(match[4])
     except ValueError:
         return None
-    dtype = _stored_type(is_float, largest)
+    floats, integers = "<f4" if largest < 0 else ">f4", ">u2" if largest > 255 else "u1"
+    dtype = np.dtype(floats if is_float else integers)
     if kind in ("P2", "P3"):
         words = re.sub(rb"#[^\n]*", b"", body).split()
         if odd := [word for word in words if not word.isdigit()]:
@@ -113,9 +114,3 @@ def read_netpbm(path: Path) -> Netpbm | None:
     if is_float:
         return Netpbm(np.ascontiguousarray(data[::-1]), True)
     return Netpbm(data, False, int(largest))
-
-
-def _stored_type(is_float: bool, scale_or_largest: float) -> np.dtype[Any]:
-    if is_float:
-        return np.dtype("<f4" if scale_or_largest < 0 else ">f4")
-    return np.dtype(">u2" if scale_or_largest > 255 else "u1")

@@ -160,7 +160,9 @@ class _Own:
         self._by_name = noted["names"] | set(wanted)
         self.clips = noted["names"] | set(self._recorded)
         self.surveys = _surveys(self.clips)
-        self.exr = noted["exr"] | {n for n, clip in self._recorded.items() if _has_exr(clip)}
+        self.exr = noted["exr"] | {
+            name for name, clip in self._recorded.items() if clip.parameters.get("exr")
+        }
         self._keys = "|".join(noted["keys"]) if noted["keys"] else "[0-9a-f]{64}"
         self._partly: dict[str, bool] = {}
         self._ours = (out / MANIFEST_NAME).exists() or (out / BUILD_FOLDER).is_dir()
@@ -264,10 +266,6 @@ _UNFINISHED = (
 
 def _surveys(clips: Iterable[str]) -> set[str]:
     return {name.rpartition("__")[0] for name in clips if name.count("__") == _WARPED}
-
-
-def _has_exr(clip: Clip) -> bool:
-    return bool(clip.parameters.get("exr"))
 
 
 def _remove_own(out: Path, folder: Path) -> None:

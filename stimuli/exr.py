@@ -156,7 +156,10 @@ def load_colour(
     check_fits(path, "read")
     pixels = read_pixels(path)
     if is_layered(path, pixels):
-        return _layered_colour(path, channels or Channels(), transfer, clip)
+        told, file = channels or Channels(), read_parts(path, encoded=transfer is Transfer.ENCODED)
+        layer = colour_layer(path, file.planes, _told(file.planes, told.depth))
+        light = _light(path, file.planes, told, layer)
+        return _encoded(path, light, transfer or stored_transfer(path, file.attributes), clip)
     data = three_channels(path, pixels, encoded=transfer is Transfer.ENCODED)
     if pixels.data.dtype.kind == "u":
         return from_integers(data)
@@ -266,16 +269,6 @@ def save_warp_input(path: Path, frame: WarpInput, *, half_colour: bool = False) 
             "compression": "zip",
         },
     )
-
-
-def _layered_colour(
-    path: Path, told: Channels, transfer: Transfer | None, clip: bool
-) -> NDArray[np.float32]:
-    """Colour of a file of several layers or parts, by the rules of `load_warp_input`."""
-    file = read_parts(path, encoded=transfer is Transfer.ENCODED)
-    layer = colour_layer(path, file.planes, _told(file.planes, told.depth))
-    light = _light(path, file.planes, told, layer)
-    return _encoded(path, light, transfer or stored_transfer(path, file.attributes), clip)
 
 
 def _light(path: Path, planes: Planes, told: Channels, layer: Layer | None) -> NDArray[np.float32]:

@@ -89,10 +89,7 @@ def _data_beside(module: str, path: Path) -> tuple[Path, ...]:
     beside = [at for at in (folder, folder / "shaders") if at.is_dir()]
     found = [file for at in beside for file in at.iterdir() if file.suffix in _DATA]
     if package == "pipeline" and any(file.suffix == ".glsl" for file in found):
-        library = folder.parent / "shaderlib"
-        found += [file for file in library.glob("*.glsl") if _is_included(file, found)]
+        library = (folder.parent / "shaderlib").glob("*.glsl")
+        text = "".join(file.read_text(encoding="utf-8") for file in found)
+        found += [file for file in library if f'"{file.name}"' in text]
     return tuple(sorted(found))
-
-
-def _is_included(library: Path, shaders: list[Path]) -> bool:
-    return any(f'"{library.name}"' in shader.read_text(encoding="utf-8") for shader in shaders)

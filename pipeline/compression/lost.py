@@ -62,16 +62,13 @@ def map_grids(base: PolarGrid, most_levels: int = MOST_LEVELS) -> list[PolarGrid
     """
     rows = max(8, round(base.rows_per_turn / COARSER))
     knee_px = base.density.knee_px
+    # The last level has at least 8 coefficients along the longer edge.
+    deepest = max(1, int(math.log2(max(8, *base.size) / 8)) + 1)
     grids = [
         PolarGrid(base.size, base.gaze_px, rows, knee_px * max(1.0, 2.0 ** (level - 1)))
-        for level in range(min(most_levels, _deepest(base.size)))
+        for level in range(min(most_levels, deepest))
     ]
     return [grid for grid in grids if grid.shape[1] > 0]
-
-
-def _deepest(size: tuple[int, int]) -> int:
-    """Levels of a pyramid whose last has at least 8 coefficients along the longer edge."""
-    return max(1, int(math.log2(max(size) / 8)) + 1) if max(size) > 8 else 1
 
 
 def lost_maps(

@@ -332,7 +332,10 @@ class MetamerPass(FoveationPass):
     def _carry(self, seed: int) -> None:
         if self._carried is not None and self._carried.seed == seed:
             return
-        tile = self._carried_tile(seed)
+        # A texel is a place with up to sixteen bands: (layers, edge * 2, edge * 2, 16).
+        tiles = carried_noise(seed, self.levels, 1, tile_edge(*self.size)).tiles[:, 0]
+        levels, edge = tiles.shape[:2]
+        tile = layered(tiles.transpose(1, 2, 0, 3).reshape(edge, edge, 3 * levels))
         if self._carried is None:
             layers, height, width, _ = tile.shape
             texture = self._array((width, height), layers, "rgba32ui")
@@ -362,9 +365,3 @@ class MetamerPass(FoveationPass):
         shader = self._compile("finish_carried" if carried else "finish_screen", **constants)
         shader["strength"] = self.settings.noise
         return shader
-
-    def _carried_tile(self, seed: int) -> NDArray[np.int8]:
-        """A texel is a place with up to sixteen bands: (layers, edge * 2, edge * 2, 16)."""
-        tiles = carried_noise(seed, self.levels, 1, tile_edge(*self.size)).tiles[:, 0]
-        levels, edge = tiles.shape[:2]
-        return layered(tiles.transpose(1, 2, 0, 3).reshape(edge, edge, 3 * levels))

@@ -117,7 +117,8 @@ def create_texture(
             f"the driver must hold a {size[0]}x{size[1]} {format_name} texture"
             f" (it answered {error}); use smaller images or free GPU memory"
         )
-    _reset_sampling(texture)
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+    texture.repeat_x = texture.repeat_y = False
     return texture
 
 
@@ -170,11 +171,6 @@ def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:
         raise InputError(
             f"texture edges must lie in 1..{limit} on this driver (got {size[0]}x{size[1]})"
         )
-
-
-def _reset_sampling(texture: moderngl.Texture) -> None:
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    texture.repeat_x = texture.repeat_y = False
 
 
 def upload(texture: moderngl.Texture, array: NDArray[Any]) -> None:

@@ -159,7 +159,8 @@ class GuidedChainPass(Pass):
             self._pull_step(r)
         self._tail_step()
         for r in reversed(self._pushes):
-            self._push_step(r)
+            self._push["coarse_size"] = self._resolutions.sizes[r + 1]
+            self._lists.run(self._push, self._incomplete(r), **self._fine_and_coarse(r))
             if r < self._relaxed:
                 self._relax_steps(r)
 
@@ -195,11 +196,6 @@ class GuidedChainPass(Pass):
         shader["incomplete_list"] = self._lists.appendable(self._incomplete(r + 1))
         key = ("source" if self._is_base else "pulled", r + 1)
         self._lists.run(shader, key, **self._fine_and_coarse(r))
-
-    def _push_step(self, r: int) -> None:
-        shader = self._push
-        shader["coarse_size"] = self._resolutions.sizes[r + 1]
-        self._lists.run(shader, self._incomplete(r), **self._fine_and_coarse(r))
 
     def _relax_steps(self, r: int) -> None:
         for parity in (0, 1):

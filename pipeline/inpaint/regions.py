@@ -177,7 +177,9 @@ class WorkLists(Pass):
         self._reset["list_count"] = len(self._lists)
         self._build = self._shader("inpaint/lists.comp.glsl", GROUP=LIST_GROUP)
         self._packed_regions = self._buffer(self._pack_regions().tobytes())
-        self._region_of_group = self._buffer(self._regions_of_groups().tobytes())
+        groups = [_padded(item.tiles) // LIST_GROUP for item in self._regions.values()]
+        of_groups = np.repeat(np.arange(len(groups), dtype=np.uint32), groups)
+        self._region_of_group = self._buffer(of_groups.tobytes())
         self._build.hold(regions=self._packed_regions, of_groups=self._region_of_group)
         self.shared: dict[str, Resource] = {
             "cells": self._cells,
@@ -367,10 +369,6 @@ class WorkLists(Pass):
             pulled = (*self.appendable(("pulled", item.resolution)), *item.chains_packed)
             rows.append((*tiles, *cells, *own, *item.own_packed, *pulled))
         return np.array(rows, np.uint32)
-
-    def _regions_of_groups(self) -> NDArray[np.uint32]:
-        groups = [_padded(item.tiles) // LIST_GROUP for item in self._regions.values()]
-        return np.repeat(np.arange(len(groups), dtype=np.uint32), groups)
 
 
 def _padded(count: int) -> int:

@@ -74,9 +74,11 @@ class Cascade:
             return RowOperator(lambda rows: halve(rows, wraps=wraps), 2, 1)
 
         self._lows = [halving() for _ in range(count)]
-        self._firsts = [
-            RowOperator(lambda rows: _first_moments(rows, wraps=wraps), 2, 1) for _ in range(count)
-        ]
+
+        def first(rows: Floats) -> Floats:  # what `moment_chain` begins with
+            return halve_box(coefficient_moments(rows, wraps=wraps)[..., :MOMENTS])
+
+        self._firsts = [RowOperator(first, 2, 1) for _ in range(count)]
         self._moments = [[halving() for _ in range(k + 1, count)] for k in range(count)]
         self._at: dict[tuple[int | None, int], int] = {}
 
@@ -106,11 +108,6 @@ class Cascade:
         at = self._at.get((level, halvings), 0)
         self._put(level, halvings, at, rows)
         self._at[level, halvings] = at + len(rows)
-
-
-def _first_moments(low_rgb: Floats, *, wraps: bool) -> Floats:
-    """Moments at a level's first halving: what `moment_chain` begins with."""
-    return halve_box(coefficient_moments(low_rgb, wraps=wraps)[..., :MOMENTS])
 
 
 def strips(texture: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:

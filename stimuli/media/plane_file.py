@@ -422,7 +422,10 @@ def _load_array(path: Path) -> NDArray[Any]:
                     with packed.open(name) as member:
                         _check_header(path, member)
         with np.load(path, allow_pickle=False) as loaded:
-            array = np.asarray(loaded[_only_key(path, loaded.files)])
+            keys = loaded.files
+            if len(keys) != 1:
+                raise InputError(f"{path}: must hold one array (holds {', '.join(keys) or 'none'})")
+            array = np.asarray(loaded[keys[0]])
     if array.ndim == 3 and array.shape[-1] == 1:
         array = array[..., 0]
     if array.ndim != 2 or array.dtype.kind not in "fui":
@@ -443,12 +446,6 @@ def _check_header(path: Path, file: IO[bytes]) -> None:
 
 def _later_header(file: Any) -> tuple[tuple[int, ...], bool, Any]:
     return np.lib.format.read_array_header_2_0(file)
-
-
-def _only_key(path: Path, keys: list[str]) -> str:
-    if len(keys) != 1:
-        raise InputError(f"{path}: must hold one array (holds {', '.join(keys) or 'none'})")
-    return keys[0]
 
 
 MAGIC = np.float32(202021.25)

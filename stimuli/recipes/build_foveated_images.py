@@ -112,7 +112,11 @@ class FoveatedBuilder(SingleStimulusBuilder[FoveatedStimulus]):
                 )
         found += self._unknown_pictures()
         if self.recipe.fit == "exact":
-            found += self._wrong_sizes()
+            wanted = self.recipe.width_px, self.recipe.height_px
+            found += [
+                Problem(where, f"{path}: {wrong_size(wanted, got)}")
+                for where, path, got in self._other_sizes()
+            ]
         if self.recipe.rings is not None:
             found += self._rings_off(self.recipe.rings)
         return found
@@ -164,12 +168,6 @@ class FoveatedBuilder(SingleStimulusBuilder[FoveatedStimulus]):
                     )
                 )
         return found
-
-    def _wrong_sizes(self) -> Iterator[Problem]:
-        """Yield a problem for every picture whose header says another size."""
-        wanted = self.recipe.width_px, self.recipe.height_px
-        for where, path, got in self._other_sizes():
-            yield Problem(where, f"{path}: {wrong_size(wanted, got)}")
 
     def _other_sizes(self) -> Iterator[tuple[str, Path, tuple[int, int]]]:
         """Yield each picture whose header says another size than the study: where, file, size."""

@@ -71,7 +71,10 @@ def load_world(
     with whole, np.errstate(all="ignore"):  # what is not finite is refused
         shapes = _within_limits(path, _shapes(path, notes))
         if lighting is None:
-            bare = sun_direction is None and any(map(_brings_light, shapes))
+            bare = sun_direction is None and any(
+                one.surface.picture is not None or one.surface.unlit or one.colour is not None
+                for one in shapes
+            )
             lighting = "unlit" if bare else "sun"
         lit = lighting == "sun"
         materials: dict[tuple[int, float], Material | None] = {}
@@ -108,12 +111,6 @@ def _within_limits(path: Path, shapes: Iterator[Shape]) -> list[Shape]:
         if len(shape.triangles):
             found.append(shape)
     return found
-
-
-def _brings_light(shape: Shape) -> bool:
-    """True if a surface has a texture, colours at its vertices, or asks for no light."""
-    surface = shape.surface
-    return surface.picture is not None or surface.unlit or shape.colour is not None
 
 
 def _material(

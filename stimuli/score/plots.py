@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Literal
 
@@ -98,7 +98,8 @@ def trade_off(
         axes.grid(color="#E3E3E3", linewidth=0.6)
         lowest, highest = (pick(point[2] for point in points) for pick in (min, max))
         axes.set_xlim(lowest / 1.5, highest * 1.5)
-        ticks = _log_ticks(lowest / 1.5, highest * 1.5)
+        every = [step * 10.0**power for power in range(-4, 6) for step in (1.0, 2.0, 5.0)]
+        ticks = [tick for tick in every if lowest / 1.5 <= tick <= highest * 1.5]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.set_xlabel("time of one fill on this machine (ms), lower is better")
@@ -290,12 +291,6 @@ def figure_style() -> Iterator[None]:
     """Apply the look of figures of clips and their scores."""
     with mpl.rc_context(_STYLE):
         yield
-
-
-def _log_ticks(low: float, high: float) -> list[float]:
-    steps: Sequence[float] = (1.0, 2.0, 5.0)
-    every = [step * 10.0**power for power in range(-4, 6) for step in steps]
-    return [tick for tick in every if low <= tick <= high]
 
 
 def _address(colour: NDArray[np.uint8], widest_px: int = 320) -> str:
