@@ -22,9 +22,8 @@ from benchmarks.shared.output import conditions, file_to_write, write_record
 from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.foveation.pooling import MetamerSettings, Pools, make_pooling
 from pipeline.gl.context import create_context, release_context
-from pipeline.textures.bake import bake
+from pipeline.textures.bake import Layout, bake
 from pipeline.textures.footprints import saved, touched
-from pipeline.textures.layout import Layout
 from pipeline.textures.reference import Fragments
 from stimuli.textured.draw_globes import TexturedRenderer
 from stimuli.textured.scenes import SCENES, WIDTH_DEG

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.features.reference import analyse
-from pipeline.textures import layout
-from pipeline.textures.layout import Layout
+from pipeline.textures import bake as layout
+from pipeline.textures.bake import Layout
 from pipeline.textures.surface_noise import REACH, STAGES, surface_noise
 
 TARGET = Path(layout.__file__).with_name("overlap.json")

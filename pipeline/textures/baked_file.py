@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.textures.bake import BakedTexture, Rows, bake_rows, baked_of
-from pipeline.textures.layout import Layout, Plane
+from pipeline.textures.bake import BakedTexture, Layout, Plane, Rows, bake_rows, baked_of
 
 ENDING = ".moments"
 MAGIC = b"MMLT"

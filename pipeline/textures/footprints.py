@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import Bools
-from pipeline.textures.layout import Layout
+from pipeline.textures.bake import Layout
 from pipeline.textures.reference import Fragments
 
 Key = tuple[int | None, int]

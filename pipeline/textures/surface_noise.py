@@ -20,7 +20,7 @@ from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, graine
 from pipeline.frame import Floats, Ints
 from pipeline.noise.gains import LAGS, UNSEEN_VARIANCE
 from pipeline.noise.tile import NoiseBands, between, look_up, split, unit, white_steps
-from pipeline.textures.layout import Layout
+from pipeline.textures.bake import Layout
 
 Bytes = NDArray[np.int8]
 

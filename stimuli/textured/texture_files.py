@@ -16,10 +16,9 @@ from pipeline.foveation.catalogue import Metamer
 from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.pooling import MetamerSettings
 from pipeline.image_file import check_fits, read_pixels, three_channels
-from pipeline.textures.bake import BakedTexture, bake, strips
+from pipeline.textures.bake import MOMENT_BYTES, BakedTexture, Layout, bake, strips
 from pipeline.textures.baked_file import read_baked, write_baked
 from pipeline.textures.footprints import COLOUR_BYTES, saved, touched
-from pipeline.textures.layout import MOMENT_BYTES, Layout
 from protocols.disk.whole_file import whole_file
 from stimuli import pictures
 from stimuli.foveated.condition_sheet import draw_gaze

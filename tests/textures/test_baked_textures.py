@@ -11,9 +11,8 @@ from pipeline.features.reference import fitted_kernels
 from pipeline.foveation.chain import chain_of
 from pipeline.foveation.pooled_moments import moment_chain
 from pipeline.textures import bake as bake_module
-from pipeline.textures.bake import BakedTexture, bake, strips
+from pipeline.textures.bake import MOMENTS, BakedTexture, Layout, bake, strips
 from pipeline.textures.baked_file import head_bytes, read_baked, write_baked
-from pipeline.textures.layout import MOMENTS, Layout
 
 HALF = 2.0**-11  # rounding of a half float
 

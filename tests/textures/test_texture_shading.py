@@ -8,9 +8,8 @@ import pytest
 from benchmarks.fits.fit_overlap import measured
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
-from pipeline.textures.bake import bake
+from pipeline.textures.bake import Layout, bake
 from pipeline.textures.footprints import saved, touched
-from pipeline.textures.layout import Layout
 from pipeline.textures.reference import Fragments, lost_energy, read_mips, shade
 from pipeline.textures.surface_noise import fitted_overlap, surface_noise
 

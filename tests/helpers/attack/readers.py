@@ -38,9 +38,8 @@ from pipeline.compression.compressed_file import read_compressed, to_bytes
 from pipeline.denoising.network import DenoisingNetwork, NetworkFacts
 from pipeline.image_file import write_pixels
 from pipeline.methods.onnx import OnnxNetwork
-from pipeline.textures.bake import strips
+from pipeline.textures.bake import Layout, strips
 from pipeline.textures.baked_file import read_baked, write_baked
-from pipeline.textures.layout import Layout
 from protocols.disk.hashing import sha256_bytes
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
