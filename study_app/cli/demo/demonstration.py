@@ -8,7 +8,7 @@ import shutil
 from base64 import b64encode
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import nullcontext
+from contextlib import ExitStack
 from importlib.resources import as_file, files
 from mimetypes import guess_type
 from pathlib import Path
@@ -179,8 +179,10 @@ class _Demo:
         folder = self.out / "sessions" / self.protocol.study.name / code
         if folder.exists() and not is_stillborn(folder):
             session = ["session", "resume", *session[2:]]
-        screen = nullcontext({}) if self.options.display else virtual_screen(self.display)
-        with screen as env, local_processes(1) as alone:
+        with ExitStack() as stack:
+            own = self.options.display
+            env = {} if own else stack.enter_context(virtual_screen(self.display))
+            alone = stack.enter_context(local_processes(1))
             return [alone.submit(run_commands, [session, *after], out, env)]
 
     def _end(self, step: Step, chains: list[Said]) -> None:
