@@ -377,6 +377,11 @@ class Attempt(Event, ExtendedModel):
     added_later: ClassVar[tuple[str, ...]] = ("further", "live")
 
     @property
+    def decides(self) -> bool:
+        """True if it is one of the session's decisions."""
+        return self.outcome == "completed" and self.role == "main"
+
+    @property
     def refreshes(self) -> int:
         """Refreshes of all phases."""
         return sum(phase.refreshes for phase in self.phases)

@@ -145,10 +145,7 @@ def conduct(
 
 
 def _main_done(recorder: Recorder) -> int:
-    return sum(
-        isinstance(event, Attempt) and event.outcome == "completed" and event.role == "main"
-        for event in recorder.events
-    )
+    return sum(event.decides for event in recorder.events if isinstance(event, Attempt))
 
 
 class _Conductor:
@@ -255,7 +252,10 @@ class _Conductor:
             case AskConsent():
                 return self._consent()
             case StartBlock(block, trials, first):
-                if first and not self._instructions():
+                if first and any(
+                    self._pages.quit_pressed(self._pages.show("instructions", text))
+                    for text in texts.instructions
+                ):
                     return False
                 if not self._announce(block):
                     return False
@@ -301,12 +301,6 @@ class _Conductor:
             )
         )
         return True
-
-    def _instructions(self) -> bool:
-        return all(
-            not self._pages.quit_pressed(self._pages.show("instructions", text))
-            for text in self._texts.instructions
-        )
 
     def _announce(self, block: int) -> bool:
         """Show the page before practice or before the first main block."""

@@ -33,9 +33,9 @@ from study_app.gaze.source import GazeSource
 from study_app.recorder import Recorder
 from study_app.session_folders import (
     claimed,
-    is_stillborn,
     next_slot,
     require_portable,
+    require_unused,
     session_folder,
 )
 from study_app.stage import Stage
@@ -80,17 +80,14 @@ def begin(
     info = _gaze_info(protocol, gaze)
     folder = session_folder(setting.root, protocol, participant)
     require_portable(folder)
-    if folder.exists() and not is_stillborn(folder):
-        raise StudyError(
-            f"participant: a code is used once (got {participant!r}, which has"
-            f" {folder}); choose another code, or continue with 'metamerlab session resume'"
-        )
+    require_unused(folder)
     with claimed(setting.root):
         slot = next_slot(setting.root, protocol.study.name)
         plan = make_plan(protocol, setting.manifest, participant, slot)
         torn = (folder / JOURNAL_NAME).exists()
         open_journal = Recorder.resume if torn else Recorder.create
         recorder = open_journal(folder, stage.now, setting.wall_clock)
+        simulation = {_SIMULATION: setting.simulation} if setting.simulation else {}
         recorder.append(
             SessionStart(
                 **recorder.stamps(),
@@ -113,7 +110,7 @@ def begin(
                 gaze_mode=protocol.gaze.mode,
                 gaze=info,
                 revision=f"{package_version()} {code_revision()}",
-                versions=versions() | dict(setting.drawn_by) | _simulation(setting),
+                versions=versions() | dict(setting.drawn_by) | simulation,
                 platform=platform.platform(),
                 timing_evidence=setting.timing_evidence,
             )
@@ -157,10 +154,6 @@ def resume(
 
 
 _SIMULATION = "simulation"
-
-
-def _simulation(setting: Setting) -> dict[str, str]:
-    return {_SIMULATION: setting.simulation} if setting.simulation else {}
 
 
 def versions() -> dict[str, str]:

@@ -41,7 +41,7 @@ def standing(events: Sequence[AnyEvent]) -> SessionProgress:
     last = events[-1] if events else None
     voids = Counter(attempt.void_reason for attempt in attempts if attempt.void_reason)
     return SessionProgress(
-        done=sum(_decides(attempt) for attempt in attempts),
+        done=sum(attempt.decides for attempt in attempts),
         planned=start.trials if isinstance(start, SessionStart) else 0,
         attempts=len(attempts),
         voids=tuple((str(reason), count) for reason, count in voids.most_common()),
@@ -102,7 +102,3 @@ def rows(events: Sequence[AnyEvent]) -> list[tuple[str, str]]:
     if now.message:
         table.append(("message", now.message))
     return table
-
-
-def _decides(attempt: Attempt) -> bool:
-    return attempt.outcome == "completed" and attempt.role == "main"

@@ -165,11 +165,7 @@ class Recorder:
                 os.fsync(self._descriptor)
         except OSError as error:
             os.ftruncate(self._descriptor, self._length)
-            raise DiskError(
-                f"{self.path}: the disk refused a write ({error.strerror}); everything up to"
-                f" event {len(self.events) - 1} is saved. Make room and 'metamerlab session"
-                " resume'"
-            ) from None
+            raise self._refused(self.path, error) from None
         self._length += len(line)
         self._chain = event.chain
         self.events.append(event)
@@ -187,13 +183,15 @@ class Recorder:
         try:
             path = write_new(self.folder / stem, suffix, data, waits=self.waits_for_disk)
         except OSError as error:
-            raise DiskError(
-                f"{self.folder}: the disk refused a write ({error.strerror}); everything up to"
-                f" event {len(self.events) - 1} is saved. Make room and 'metamerlab session"
-                " resume'"
-            ) from None
+            raise self._refused(self.folder, error) from None
         relative = path.relative_to(self.folder).as_posix()
         return SideFile(file=relative, sha256=sha256_bytes(data))
+
+    def _refused(self, place: Path, error: OSError) -> DiskError:
+        return DiskError(
+            f"{place}: the disk refused a write ({error.strerror}); everything up to event"
+            f" {len(self.events) - 1} is saved. Make room and 'metamerlab session resume'"
+        )
 
     def _mend(self, journal: Journal) -> None:
         """Put an unfinished last line aside, or finish a whole one that lacks its line feed."""

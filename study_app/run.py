@@ -48,7 +48,7 @@ from study_app.observers import ArtificialObserver, default_model, rng_of
 from study_app.opening import Setting, begin, resume, texts_of
 from study_app.presenter import Presenter, PresenterSettings
 from study_app.recorder import utc_now
-from study_app.session_folders import is_stillborn, session_folder
+from study_app.session_folders import require_unused, session_folder
 from study_app.shown_texts import require_showable
 
 RecordedEvents = list[AnyEvent]
@@ -130,7 +130,7 @@ def _run_session(options: SessionOptions, listener: Listener, *, resuming: bool)
     if (options.gaze or "").startswith("replay") and not options.simulate:
         raise StudyError("--gaze: a recording is no participant: replay needs --simulate")
     # Early, so that recorders find the stream before the first trial.
-    mark = LslMarkers(options.participant) if options.markers else _no_marks
+    mark = LslMarkers(options.participant) if options.markers else lambda _text, _t_s: None
     with ExitStack() as stack:
         window = stack.enter_context(Window(display, pacing=options.pacing))
         flips = SESSION_FLIPS if options.pacing == "vsync" else REHEARSAL_FLIPS
@@ -229,11 +229,7 @@ def _language(options: SessionOptions, *, resuming: bool) -> str:
     protocol = options.protocol
     folder = session_folder(options.root, protocol, options.participant)
     if not resuming:
-        if folder.exists() and not is_stillborn(folder):
-            raise StudyError(
-                f"participant: a code is used once (got {options.participant!r}, which has"
-                f" {folder}); choose another code, or continue with 'metamerlab session resume'"
-            )
+        require_unused(folder)
         given = options.language
         return protocol.text.default_language if given is None else given
     return read_journal(folder / JOURNAL_NAME, lenient=True).start.language
@@ -313,10 +309,6 @@ def _validation(
         return result
 
     return run
-
-
-def _no_marks(_text: str, _t_s: float) -> None:
-    """Nobody listens."""
 
 
 @contextmanager

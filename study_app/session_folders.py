@@ -62,10 +62,7 @@ class SessionFolder:
     @property
     def main_done(self) -> int:
         """Main trials decided."""
-        return sum(
-            attempt.outcome == "completed" and attempt.role == "main"
-            for attempt in self.journal.attempts
-        )
+        return sum(attempt.decides for attempt in self.journal.attempts)
 
 
 def find_sessions(root: Path, study: str | None = None) -> list[SessionFolder]:
@@ -133,6 +130,21 @@ def require_portable(folder: Path) -> None:
         raise StudyError(
             f"participant: a code must differ by more than case from {same[0]!r}, which was used"
             f" (got {folder.name!r}): Windows and macOS have one folder for both; choose another"
+        )
+
+
+def require_unused(folder: Path) -> None:
+    """Refuse a participant's folder that holds a session.
+
+    Raises
+    ------
+    StudyError
+        If it does.
+    """
+    if folder.exists() and not is_stillborn(folder):
+        raise StudyError(
+            f"participant: a code is used once (got {folder.name!r}, which has"
+            f" {folder}); choose another code, or continue with 'metamerlab session resume'"
         )
 
 

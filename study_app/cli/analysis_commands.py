@@ -37,7 +37,6 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.parts import AnalysisPlan
     from analysis.power import Power
     from analysis.report.report_source import Progress
-    from analysis.report.write_report import ReportPaths
     from analysis.tables.counts import Counted
     from protocols.study_file.schema import StudyProtocol
 
@@ -144,7 +143,9 @@ def report(
                 figure_files=figures,
                 progress=progress,
             )
-    _print_report(made)
+    say_notes(made.warnings)
+    say(made.headline)
+    say(f"report: {made.html}")
 
 
 @app.command()
@@ -448,12 +449,6 @@ def _pilot(
         )
     say_notes(found.warnings if table else ())
     return found.decisions, found.settings
-
-
-def _print_report(made: ReportPaths) -> None:
-    say_notes(made.warnings)
-    say(made.headline)
-    say(f"report: {made.html}")
 
 
 def _print_power(found: Power) -> None:

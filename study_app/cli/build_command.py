@@ -90,9 +90,12 @@ def build(
     says otherwise, and runs what anyone sends who reaches it, or has a certificate of its TLS.
     Start one only in a network that you trust.
     """
+    from protocols.load import load_study
     from stimuli.recipes.base import BuildMachine
 
-    builder = _builder(protocol, display)
+    study, screen = load_study(protocol, display)
+    builder, _ = require_buildable(protocol, study, screen)
+    say_notes(builder.notes())
     if machines.scheduler is not None and machines.workers is not None:
         raise StudyError("--workers and --scheduler exclude each other: the cluster has its own")
     tls = machines.certificates()
@@ -100,15 +103,6 @@ def build(
         _print_estimate(builder, out, machines.workers)
         return
     _build(builder, out, BuildMachine(machines.workers, machines.scheduler, tls))
-
-
-def _builder(protocol: Path, display: str | None) -> Builder:
-    from protocols.load import load_study
-
-    study, screen = load_study(protocol, display)
-    builder, _ = require_buildable(protocol, study, screen)
-    say_notes(builder.notes())
-    return builder
 
 
 def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:

@@ -49,9 +49,12 @@ def user_errors() -> Iterator[None]:
     except UserError as error:
         message = str(error)
     except OSError as error:
-        if not _is_the_users(error):
+        # A full or failing disk says so on write, where no name is at hand.
+        nameless = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+        if error.errno not in (nameless if error.filename is None else _CURES):
             raise
-        message = _describe(error)
+        where = "" if error.filename is None else f"{error.filename}: "
+        message = f"{where}{(error.strerror or 'failed').lower()}; {_CURES[error.errno or 0]}"
     except MemoryError as error:
         message = (
             f"this must fit into the machine's memory ({error or 'there is none left'}); use"
@@ -84,15 +87,3 @@ def _shortened(line: str) -> str:
         return line
     half = _LINE_MOST // 2
     return f"{line[:half]} [{left_out} more characters] {line[-half:]}"
-
-
-def _is_the_users(error: OSError) -> bool:
-    # A full or failing disk says so on write, where no name is at hand.
-    nameless = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-    return error.errno in (nameless if error.filename is None else _CURES)
-
-
-def _describe(error: OSError) -> str:
-    reason = (error.strerror or "failed").lower()
-    where = "" if error.filename is None else f"{error.filename}: "
-    return f"{where}{reason}; {_CURES[error.errno or 0]}"

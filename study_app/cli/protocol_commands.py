@@ -199,15 +199,12 @@ def copy(
     text = decode_utf8(read_bytes(studies[name], "a study"), studies[name])
     text = text.removeprefix("#:schema ../schemas/study.schema.json\n")
     text = text.replace(f'name = "{name}"', f'name = "{own}"', 1)
-    _write_toml(out, text.replace("\n[design]\n", '\n[design]\nplaces = "drawn"\n', 1))
-    say(f"{out}: {name}, as the study {own!r}. Change it, then:")
-    say(f"  metamerlab protocol check {shlex.quote(str(out))}")
-
-
-def _write_toml(out: Path, text: str) -> None:
     if out.suffix != ".toml":
         raise StudyError(f"{out}: the new file must end in .toml")
+    text = text.replace("\n[design]\n", '\n[design]\nplaces = "drawn"\n', 1)
     _write_new(out, text, "choose a new name")
+    say(f"{out}: {name}, as the study {own!r}. Change it, then:")
+    say(f"  metamerlab protocol check {shlex.quote(str(out))}")
 
 
 def _write_new(out: Path, text: str, cure: str) -> None:

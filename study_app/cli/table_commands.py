@@ -268,7 +268,11 @@ def ask(
         try:
             source = from_question(analysis, rows, options_from(kind, texts), only)
         except StudyError as problem:  # its keys are options here
-            said = re.sub(r"--set (\w+)(=?)", _as_option, str(problem))
+            said = re.sub(
+                r"--set (\w+)(=?)",
+                lambda key: f"--{key[1].replace('_', '-')}{' ' * bool(key[2])}",
+                str(problem),
+            )
             raise StudyError(said) from None
         if out is None:
             content = content_of(source, lambda name: progress(name, 0, 0))
@@ -277,10 +281,6 @@ def ask(
     print_content(content, simulated=source.simulated)
     if out is not None:
         say(f"page, tables, figures, numbers: {out}")
-
-
-def _as_option(key: re.Match[str]) -> str:
-    return f"--{key[1].replace('_', '-')}{' ' * bool(key[2])}"
 
 
 def print_content(content: ReportContent, *, simulated: bool) -> None:

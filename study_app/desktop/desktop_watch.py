@@ -110,7 +110,8 @@ class DesktopWatch:
         now_s = time.monotonic()
         if self._saver and now_s - self._asked_s >= _ASK_BLANK_S:
             self._asked_s = now_s
-            self._blank = self._server.ask(self._saver, 1, self._root())[1:2] == bytes([_BLANK])
+            root = struct.pack("=I", self._server.root)
+            self._blank = self._server.ask(self._saver, 1, root)[1:2] == bytes([_BLANK])
         if self._blank or now_s - self._held_off_s >= _HOLD_OFF_S:
             self._held_off_s = now_s
             self._server.tell(115, 0)  # ForceScreenSaver, reset: every idle clock starts anew
@@ -121,9 +122,6 @@ class DesktopWatch:
             return "the screen saver was on"
         names = {name for number, name in self._over.items() if number not in self._accepted}
         return f"a window lay over the participant's: {', '.join(sorted(names))}" if names else ""
-
-    def _root(self) -> bytes:
-        return struct.pack("=I", self._server.root)
 
     def _windows_over(self) -> dict[int, str]:
         """Return the windows that lie over ours, with their names."""

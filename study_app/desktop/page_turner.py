@@ -90,7 +90,8 @@ class PageTurner:
         scripted = self._scripted(page, began_s)
         text, drawn = page.draft, None
         chosen = page.choices.index(text) if text in page.choices else -1
-        leaving = [key for key in self._quit_keys if _writes_nothing(key)]
+        writing = ("space", "enter", "backspace")
+        leaving = [key for key in self._quit_keys if len(key) > 1 and key not in writing]
         while True:
             if drawn != (text, chosen):
                 drawn = (text, chosen)
@@ -129,10 +130,6 @@ class PageTurner:
         assert self._texture is not None
         self._painter.clear()
         self._painter.image(self._texture, (0, 0))
-
-
-def _writes_nothing(key: str) -> bool:
-    return len(key) > 1 and key not in ("space", "enter", "backspace")
 
 
 def _chosen(key: str, chosen: int, count: int) -> int:

@@ -126,8 +126,9 @@ class Window:
             display.width_px, display.height_px, "metamerlab", monitor, None
         )
         if not self._handle:
+            reason = plain_text(glfw.get_error()[1]) or "no reason given"
             raise StudyError(
-                f"a window with OpenGL 3.3 must open (found: {_last_error()}); install a driver"
+                f"a window with OpenGL 3.3 must open (found: {reason}); install a driver"
                 " with OpenGL 3.3, or run 'metamerlab doctor'"
             )
         self._is_open = True
@@ -371,11 +372,6 @@ class Window:
     def _on_close(self, window: Any) -> None:
         glfw.set_window_should_close(window, False)
         self._closing = True
-
-
-def _last_error() -> str:
-    _, description = glfw.get_error()
-    return plain_text(description) or "no reason given"
 
 
 def claim_screen() -> socket.socket | IO[bytes]:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
-import re
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Set
 from pathlib import Path
 
 import psutil
 from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
 
 from study_app.doctor import EVERY_JOB, FOR_BOTH, FOR_SESSIONS, Finding, Job, Status
 from study_app.doctor.graphics import check_display, check_gl
@@ -27,19 +25,15 @@ _WRITE_WARN_MB_S = 30.0
 _APPEND_WARN_S = 0.1  # between two trials nobody notices less
 
 
-def check_packages(
-    needed: Iterable[Requirement], tested: Mapping[str, str] | None = None
-) -> Finding:
-    """Everything that metamerlab needs, in a version that it accepts and, best, was tested with.
+def check_packages(needed: Iterable[Requirement]) -> Finding:
+    """Everything that metamerlab needs, in a version that it accepts.
 
     Parameters
     ----------
     needed : iterable of Requirement
         As `requirements` returns them; those of the optional parts are left out.
-    tested : mapping, optional
-        Name to the version that the tests ran with, as `tested_versions` reads it.
     """
-    wrong, untested, count = [], [], 0
+    wrong, count = [], 0
     for requirement in needed:
         if requirement.marker and not requirement.marker.evaluate({"extra": ""}):
             continue
@@ -49,22 +43,15 @@ def check_packages(
         except importlib.metadata.PackageNotFoundError:
             wrong.append(f"{name} is missing")
             continue
-        pinned = (tested or {}).get(canonicalize_name(name), version)
         if not requirement.specifier.contains(version, prereleases=True):
             wrong.append(f"{name} {version} is not {requirement.specifier}")
-        elif version != pinned:
-            untested.append(f"{name} {version}, tested {pinned}")
     if wrong:
         cure = "install metamerlab again: script/setup in a checkout, pip install -U metamerlab"
         return Finding("packages", Status.FAIL, "; ".join(wrong), cure)
     if not count:
         cure = "install it (script/setup) to know which packages it needs"
         return Finding("packages", Status.WARN, "metamerlab is not installed", cure)
-    if untested:
-        cure = "script/setup installs the tested versions; others usually work"
-        return Finding("packages", Status.WARN, "; ".join(untested), cure)
-    found = f"all {count} present" + (", in the tested versions" if tested else "")
-    return Finding("packages", Status.PASS, found)
+    return Finding("packages", Status.PASS, f"all {count} present")
 
 
 def requirements() -> list[Requirement]:
@@ -73,20 +60,6 @@ def requirements() -> list[Requirement]:
         return [Requirement(line) for line in importlib.metadata.requires("metamerlab") or []]
     except importlib.metadata.PackageNotFoundError:
         return []
-
-
-def tested_versions() -> dict[str, str]:
-    """Return the versions that a checkout's lock names; none where there is no checkout."""
-    lock = Path(__file__).resolve().parents[2] / "requirements.lock"
-    if not lock.is_file():
-        return {}
-    pins = re.findall(r"^[\w.-]+==[^\\\n]+", lock.read_text(encoding="utf-8"), re.MULTILINE)
-    lines = [Requirement(pin.strip()) for pin in pins]
-    return {
-        canonicalize_name(line.name): next(iter(line.specifier)).version
-        for line in lines
-        if line.marker is None or line.marker.evaluate()
-    }
 
 
 def check_texts() -> list[Finding]:
@@ -181,7 +154,7 @@ def examine(
         Answers ``"gl"`` and ``"display"``; the default asks the drivers.
     """
     findings = [
-        check_packages(requirements(), tested_versions()),
+        check_packages(requirements()),
         check_gl(probe("gl")),
         *(check_display(probe("display"), os.environ) if Job.SESSIONS in jobs else ()),
         *check_texts(),

@@ -30,14 +30,6 @@ _METHODS = ("open", "info", "poll", "mark", "calibrate", "close")
 """Of every `GazeSource`."""
 
 
-def _lsl(rest: str, desk: TrackerContext) -> GazeSource:
-    return LslGaze(LslSpec.parse(rest), desk.display, desk.clock)
-
-
-def _mouse(_rest: str, desk: TrackerContext) -> GazeSource:
-    return MouseGaze(desk.cursor_px, desk.clock, desk.refresh_hz)
-
-
 def recorded(rest: str) -> Recording:
     """Read the recording that ``replay:`` names: ``FILE`` or ``FILE,eye=left|right``.
 
@@ -63,8 +55,8 @@ def _replay(rest: str, desk: TrackerContext) -> GazeSource:
 ADAPTERS: dict[str, Callable[[str, TrackerContext], GazeSource]] = registered(
     "trackers",
     {
-        "lsl": _lsl,
-        "mouse": _mouse,
+        "lsl": lambda rest, desk: LslGaze(LslSpec.parse(rest), desk.display, desk.clock),
+        "mouse": lambda _, desk: MouseGaze(desk.cursor_px, desk.clock, desk.refresh_hz),
         "replay": _replay,
         "eyelink": EyelinkGaze,
     },

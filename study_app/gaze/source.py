@@ -22,10 +22,6 @@ at least), what to call at every flip, and what to tell the keys that go down. F
 pressed a quit key."""
 
 
-def _no_window(*_: object) -> bool:
-    return False
-
-
 @dataclass(frozen=True)
 class TrackerContext:
     """Parts of the session that an adapter may use."""
@@ -34,7 +30,7 @@ class TrackerContext:
     clock: Callable[[], float]
     cursor_px: Callable[[], tuple[float, float]]
     refresh_hz: float
-    look_at: LookAt = _no_window
+    look_at: LookAt = lambda *_: False
     """Shows a target in the session's window; for `calibrate` and `check_drift`."""
     store: bool = True
     """True if gaze may be kept: a tracker's own recording too."""

@@ -259,7 +259,8 @@ class TrialDrawer:
         corner = entry.at[0] + script.size_px[0] // 2, entry.at[1] + script.size_px[1] // 2
         if flip.eye == "found" and samples and not _is_of(flip, corner, samples):
             tell(f"must have the gaze of the sample that is {flip.age_s:g} s old")
-        if live.change != "always" and before is not None and _moves(flip, before):
+        moves = before and flip.phase == before.phase and flip.gaze_state != before.gaze_state
+        if live.change != "always" and moves:
             windows = attempt.live.saccades if attempt.live is not None else ()
             if not _falls_into(windows, flip, self.display.refresh_hz):
                 tell("must hold the gaze of the flip before (the eye was in no saccade)")
@@ -379,11 +380,6 @@ def _is_of(flip: RecordedFlip, corner_px: tuple[int, int], samples: Samples) -> 
         )
         for sample in near
     )
-
-
-def _moves(flip: RecordedFlip, before: RecordedFlip) -> bool:
-    """Return True if a flip of a phase was drawn to another gaze than the one before."""
-    return flip.phase == before.phase and flip.gaze_state != before.gaze_state
 
 
 def _falls_into(windows: Sequence[SaccadeTimes], flip: RecordedFlip, hz: float) -> bool:

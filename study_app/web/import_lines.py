@@ -460,12 +460,7 @@ class RebuiltSession:
                 return
             case EndLine(reason=reason):
                 self.reason = reason
-                done = sum(
-                    isinstance(event, Attempt)
-                    and event.outcome == "completed"
-                    and event.role == "main"
-                    for event in recorder.events
-                )
+                done = sum(one.decides for one in recorder.events if isinstance(one, Attempt))
                 recorder.append(
                     SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done)
                 )

@@ -248,22 +248,17 @@ def status(
 
     Example: metamerlab session status sessions/demo/S001
     """
-    found = next(
-        (s for s in _sessions_above(session) if s.folder.resolve() == session.resolve()), None
-    )
+    if not session.is_dir():
+        raise StudyError(f"{session}: must be the folder of one session (there is no such folder)")
+    absolute = session.resolve()
+    beside = find_sessions(absolute.parent.parent, absolute.parent.name)
+    found = next((one for one in beside if one.folder.resolve() == absolute), None)
     if found is None:
         raise StudyError(
             f"{session}: must be the folder of one session (found no journal there);"
             " 'metamerlab session list' names them"
         )
     PlainConsole().print(table_of((), _details(found)))
-
-
-def _sessions_above(session: Path) -> list[SessionFolder]:
-    if not session.is_dir():
-        raise StudyError(f"{session}: must be the folder of one session (there is no such folder)")
-    absolute = session.resolve()
-    return find_sessions(absolute.parent.parent, absolute.parent.name)
 
 
 def _numbers(option: str, given: list[str], known: Sequence[Scalar]) -> dict[str, float]:

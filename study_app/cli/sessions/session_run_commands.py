@@ -16,8 +16,14 @@ from protocols.latency import LatencySummary
 from protocols.load import load_display, load_study
 from study_app.cli.error_messages import EXIT_USER_ERROR
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
-from study_app.cli.sessions import archive_commands, web_commands
-from study_app.cli.sessions.record_commands import print_rows, verify, watch, withdraw
+from study_app.cli.sessions import web_commands
+from study_app.cli.sessions.record_commands import (
+    archive,
+    print_rows,
+    verify,
+    watch,
+    withdraw,
+)
 from study_app.cli.terminal import PlainConsole, say
 from study_app.desktop.strip import FlipMarks
 from study_app.operator_view import attempt_line
@@ -187,7 +193,7 @@ def register(app: typer.Typer) -> None:
     app.command()(watch)
     app.command()(verify)
     app.command()(withdraw)
-    archive_commands.register(app)
+    app.command()(archive)
     app.command("export-web")(web_commands.export_web)
     app.command("import-web")(web_commands.import_web)
 
