@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypedDict
 
 from protocols.disk.hashing import sha256_bytes
 from protocols.disk.locks import held
-from protocols.disk.whole_file import sync_folder
+from protocols.disk.whole_file import sync_folder, write_new
 from protocols.errors import StudyError
 from protocols.journal import AnyEvent, SideFile
 from protocols.journal_file import JOURNAL_NAME, Journal, first_link, read_journal, sealed
@@ -181,7 +181,7 @@ class Recorder:
             If the disk refuses; no part of the file is left.
         """
         try:
-            path = write_new(self.folder / stem, suffix, data, waits=self.waits_for_disk)
+            path = write_numbered(self.folder / stem, suffix, data, waits=self.waits_for_disk)
         except OSError as error:
             raise self._refused(self.folder, error) from None
         relative = path.relative_to(self.folder).as_posix()
@@ -216,29 +216,19 @@ def utc_now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f") + "Z"
 
 
-def write_new(stem: Path, suffix: str, data: bytes, *, waits: bool = True) -> Path:
+def write_numbered(stem: Path, suffix: str, data: bytes, *, waits: bool = True) -> Path:
     """Write a file under a name that is free, with a number where another has it; return its path.
 
-    With `waits` it is on the disk when this returns. No part of it is left where that fails.
+    `waits` is as in `protocols.disk.whole_file.write_new`.
     """
     stem.parent.mkdir(exist_ok=True)
-    for number in range(1, 1000):
+    number = 1
+    while True:
         path = stem.with_name(f"{stem.name}{f'-{number}' if number > 1 else ''}{suffix}")
-        try:
-            file = path.open("xb")
-            break
-        except FileExistsError:
-            continue
-    try:
-        with file:
-            file.write(data)
-            file.flush()
-            if waits:
-                os.fsync(file.fileno())
-    except OSError:
-        path.unlink(missing_ok=True)
-        raise
-    return path
+        with suppress(FileExistsError):
+            write_new(path, data, waits=waits)
+            return path
+        number += 1
 
 
 @contextmanager

@@ -76,8 +76,8 @@ def write_whole(path: Path, data: bytes) -> None:
         file.write(data)
 
 
-def write_new(path: Path, data: bytes) -> None:
-    """Write a file that is not there yet, and flush it to the disk.
+def write_new(path: Path, data: bytes, *, waits: bool = True) -> None:
+    """Write a file that is not there yet; with `waits` it is on the disk when this returns.
 
     Raises
     ------
@@ -86,14 +86,16 @@ def write_new(path: Path, data: bytes) -> None:
     OSError
         If the disk is full or fails; nothing is left behind then.
     """
-    with path.open("xb") as file:
-        try:
+    file = path.open("xb")
+    try:
+        with file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
-        except BaseException:
-            path.unlink(missing_ok=True)
-            raise
+            if waits:
+                os.fsync(file.fileno())
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
 
 
 @contextmanager

@@ -6,7 +6,6 @@ import itertools
 import math
 import platform
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
@@ -17,11 +16,11 @@ from protocols.errors import StudyError
 from protocols.journal import DisplayReport, UtcTime
 from protocols.latency import LatencySummary
 from protocols.revision import code_revision, package_version
-from protocols.units import Count, Hertz, Model, Name, Seconds, SecondsOrNone, Sha256
-from study_app.desktop.vsync import judge, summarise
+from protocols.units import Count, Hertz, Model, Name, Sha256
+from study_app.desktop.vsync import MeasuredIntervals, judge, summarise
 from study_app.desktop.window import Window
 from study_app.pacing import cannot_keep_up
-from study_app.recorder import write_new
+from study_app.recorder import write_numbered
 
 REPORTS = "display-reports"
 """Folder of reports, beside the studies' sessions."""
@@ -30,21 +29,6 @@ SESSION_FLIPS = 120
 """Flips measured before every session: two seconds at 60 Hz."""
 REHEARSAL_FLIPS = 30
 """As many where a timer paces the flips: it is no display, and there is nothing to vouch for."""
-
-
-class MeasuredIntervals(Model):
-    """Intervals between flips."""
-
-    flips: Count
-    mean_s: Seconds
-    """Of the intervals that were one refresh long."""
-    sd_s: SecondsOrNone
-    min_s: SecondsOrNone
-    max_s: SecondsOrNone
-    missed: Count
-    """Intervals of two or more refreshes."""
-    doubled: Count
-    """Intervals of less than half a refresh."""
 
 
 class DisplayCheck(Model):
@@ -109,7 +93,7 @@ def check_display(
         measured_hz=display.refresh_hz if window.pacing == "software" else measured.refresh_hz,
         evidence=evidence,
         intervals=MeasuredIntervals(
-            **{name: round(value, 9) for name, value in asdict(measured).items()}
+            **{name: round(value, 9) for name, value in measured.model_dump().items()}
         ),
         every_interval_s=tuple(
             round(late - early, 6) for early, late in itertools.pairwise(stamps)
@@ -146,7 +130,7 @@ def write_report(root: Path, check: DisplayCheck) -> DisplayReport:
     stem = f"{check.display}-{check.at.translate({ord(c): None for c in ':-.'})}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        path = write_new(folder / stem, ".json", data)
+        path = write_numbered(folder / stem, ".json", data)
     except OSError as error:
         raise StudyError(f"{folder}: must be a writable folder ({error.strerror})") from None
     return DisplayReport(file=f"{REPORTS}/{path.name}", sha256=sha256_bytes(data))

@@ -6,11 +6,11 @@ import ctypes
 import itertools
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from protocols.display import Display
 from protocols.errors import StudyError
+from protocols.units import Count, Model, SecondsOrNone
 
 Evidence = Literal["glXGetSyncValuesOML", "fence", "unverified", "software timer"]
 """Best first: the driver counted the refresh; the swap was waited for, and the intervals fit the
@@ -78,19 +78,18 @@ class SyncValues:
         return self._values[0].value / 1e6
 
 
-@dataclass(frozen=True)
-class Intervals:
-    """Measured intervals between flips, summed up."""
+class MeasuredIntervals(Model):
+    """Intervals between flips."""
 
-    flips: int
-    mean_s: float
-    """Of those that were one refresh long."""
-    sd_s: float
-    min_s: float
-    max_s: float
-    missed: int
+    flips: Count
+    mean_s: SecondsOrNone
+    """Of the intervals that were one refresh long."""
+    sd_s: SecondsOrNone
+    min_s: SecondsOrNone
+    max_s: SecondsOrNone
+    missed: Count
     """Intervals of two or more refreshes."""
-    doubled: int
+    doubled: Count
     """Intervals of less than half a refresh."""
 
     @property
@@ -99,7 +98,7 @@ class Intervals:
         return 1.0 / self.mean_s
 
 
-def summarise(stamps_s: Sequence[float], nominal_hz: float) -> Intervals:
+def summarise(stamps_s: Sequence[float], nominal_hz: float) -> MeasuredIntervals:
     """Sum up the stamps of flips in a row.
 
     Raises
@@ -114,7 +113,7 @@ def summarise(stamps_s: Sequence[float], nominal_hz: float) -> Intervals:
     whole = [gap for gap in gaps if 0.5 <= gap * nominal_hz < 1.5]
     # The median of 120 gaps is no measure of 59.94 Hz against 60: the mean of those in time is.
     period_s = statistics.fmean(whole) if len(whole) > len(gaps) / 2 else median_s
-    return Intervals(
+    return MeasuredIntervals(
         flips=len(stamps_s),
         mean_s=period_s,
         sd_s=statistics.pstdev(whole or gaps),
@@ -125,7 +124,7 @@ def summarise(stamps_s: Sequence[float], nominal_hz: float) -> Intervals:
     )
 
 
-def judge(intervals: Intervals, display: Display, evidence: Evidence) -> Evidence:
+def judge(intervals: MeasuredIntervals, display: Display, evidence: Evidence) -> Evidence:
     """Return the evidence that the measured intervals leave.
 
     Raises

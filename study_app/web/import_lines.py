@@ -67,7 +67,7 @@ from protocols.study_file.schema import StudyProtocol
 from study_app.attempt import AttemptLog, run_attempt
 from study_app.attempt_record import WatchedGaze, attempt_event
 from study_app.live.in_trials import KeptPixels, SessionGaze
-from study_app.recorder import Recorder, journal_held, write_new
+from study_app.recorder import Recorder, journal_held, write_numbered
 from study_app.session import (
     AskConsent,
     AskQuestion,
@@ -295,7 +295,7 @@ def _continue(folder: Path, made: Path) -> None:
         place = folder / path.relative_to(made)
         if path.name != JOURNAL_NAME and not place.exists():
             place.parent.mkdir(exist_ok=True)
-            write_new(place.with_suffix(""), place.suffix, path.read_bytes())
+            write_numbered(place.with_suffix(""), place.suffix, path.read_bytes())
     journal = folder / JOURNAL_NAME
     with journal_held(journal), journal.open("r+b") as file:
         file.seek(0, os.SEEK_END)
