@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from typing import Any
 
 LAST_WITH_ALL = "5076b993 (version 0.3.0)"
@@ -76,7 +77,7 @@ def gone(words: str) -> str | None:
 
 def gone_from_command(arguments: Sequence[str]) -> str | None:
     """Return the message on a removed command, or on a removed option of a command."""
-    words = [*arguments]
+    words = [*takewhile(lambda word: word != "--", arguments)]  # what follows names files
     named = next((i for i, word in enumerate(words) if word.startswith("-")), len(words))
     commands = [" ".join(words[:many]) for many in range(1, min(named, 3) + 1)]
     options = [word.partition("=")[0] for word in words if word.startswith("--")]

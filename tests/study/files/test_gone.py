@@ -16,7 +16,10 @@ from protocols.load import load_protocol, read_toml, shipped
 @pytest.fixture
 def removed(monkeypatch, tmp_path):
     """Give a study with a key that was removed, as that of a version which had it."""
-    told = {"analysis.oracle": "ask an oracle", "analysis divine": "ask an oracle"}
+    told = {
+        "analysis.oracle": "ask an oracle",
+        **dict.fromkeys(("analysis divine", "study --oracle"), "ask an oracle"),
+    }
     monkeypatch.setattr(gone, "INSTEAD", told)
     path = tmp_path / "old.toml"
     text = shipped("studies")["demo"].read_text(encoding="utf-8")
@@ -52,6 +55,8 @@ def test_a_recorded_study_keeps_its_hash_and_says_what_is_ignored(removed):
         (["analysis", "divine", "a.csv", "--help"], "analysis divine was removed"),
         (["analysis", "report", "divine"], None),
         (["divine"], None),
+        (["study", "--oracle=3"], "study --oracle was removed"),
+        (["study", "x", "--", "--oracle"], None),
     ],
 )
 @pytest.mark.usefixtures("removed")
