@@ -7,12 +7,12 @@ import json
 import re
 import shutil
 import subprocess
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 from undrawn_reports import drawn_narrow, undrawn
+from well_formed import check_well_formed
 
 from analysis.report.report_source import TableSettings
 from analysis.report.wording import big, number, p_number, p_text, printable, share
@@ -22,7 +22,6 @@ from protocols.errors import StudyError
 HOSTILE = (
     '<script>alert(1)</script><img src=x onerror="alert(2)"> {{ 7*7 }} \u202e\x00 "日本" &amp;'
 )
-VOID = {"meta", "br", "img", "use", "path", "image", "rect"}
 
 
 @pytest.fixture(scope="module")
@@ -63,27 +62,7 @@ def test_the_page_needs_nothing_from_outside(html):
 
 
 def test_the_page_is_well_formed(html):
-    class Checker(HTMLParser):
-        def __init__(self) -> None:
-            super().__init__()
-            self.open: list[str] = []
-            self.ids: list[str] = []
-
-        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-            self.ids += [value for key, value in attrs if key == "id" and value]
-            if tag not in VOID:
-                self.open.append(tag)
-
-        def handle_endtag(self, tag: str) -> None:
-            if tag not in VOID:
-                assert self.open.pop() == tag
-
-    checker = Checker()
-    checker.feed(html)
-    assert checker.open == []
-    assert len(checker.ids) == len(set(checker.ids))
-    for target in re.findall(r'href="#([^"]+)"', html):
-        assert target in checker.ids, target
+    check_well_formed(html)
 
 
 def test_hostile_answers_are_shown_as_text(html):

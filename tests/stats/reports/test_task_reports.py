@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,6 +23,7 @@ from scipy import stats
 from study_texts import files_recipe, short_study
 from typer.testing import CliRunner, Result
 from undrawn_reports import drawn_narrow, undrawn
+from well_formed import check_well_formed
 
 from analysis.export.write_export import export_study
 from analysis.models.detection import YesNoResults
@@ -45,7 +45,6 @@ from study_app.simulate import SimulatedStudy, simulate_study
 
 pytestmark = pytest.mark.slow
 VALIDATOR = Path(sys.executable).parent / "bids-validator-deno"
-VOID = {"meta", "br", "img", "use", "path", "image", "rect"}
 
 SCENES = ("park", "house", "lane")
 ECCENTRICITIES = (5, 10, 15, 20)
@@ -227,26 +226,7 @@ def test_every_section_and_figure_of_the_task_is_on_the_page(reported):
 
 
 def test_the_page_is_well_formed_whole_and_escaped(reported):
-    class Checker(HTMLParser):
-        def __init__(self) -> None:
-            super().__init__()
-            self.open: list[str] = []
-            self.ids: list[str] = []
-
-        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-            self.ids += [value for key, value in attrs if key == "id" and value]
-            if tag not in VOID:
-                self.open.append(tag)
-
-        def handle_endtag(self, tag: str) -> None:
-            if tag not in VOID:
-                assert self.open.pop() == tag
-
-    checker = Checker()
-    checker.feed(reported.html)
-    assert checker.open == []
-    assert len(checker.ids) == len(set(checker.ids))
-    assert set(re.findall(r'href="#([^"]+)"', reported.html)) <= set(checker.ids)
+    check_well_formed(reported.html)
     assert "<h1>Made up &lt;b&gt;&amp;amp;</h1>" in reported.html
     assert "<script" not in reported.html
     visible = re.sub(r"<(style|svg).*?</\1>", "", reported.html, flags=re.DOTALL)
