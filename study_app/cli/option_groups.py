@@ -12,7 +12,6 @@ from typing import Annotated, Any, get_type_hints
 import typer
 from typer.models import OptionInfo, ParameterInfo
 
-from protocols.units import key_docs
 from study_app.cli.error_messages import user_errors
 
 
@@ -63,6 +62,8 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
 def _given_fields(kind: Any) -> Iterator[tuple[str, Any, str]]:
     """Yield the names, hints and texts of the fields that commands give."""
+    from protocols.units import key_docs  # it brings pydantic along
+
     hints, texts = get_type_hints(kind, include_extras=True), key_docs(kind)
     for one in fields(kind):
         hint, text = hints[one.name], " ".join(texts[one.name].split())
