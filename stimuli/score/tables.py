@@ -282,7 +282,10 @@ def duels(
 def all_duels(
     tables: tuple[ScoreTable, ...], focus: str | None = None
 ) -> tuple[PairedMethods, ...]:
-    """Compare `focus` with every other method; left out: ours with each of `RIVALS` that is there.
+    """Compare `focus` with every other method.
+
+    Left out: ours with each of `RIVALS` that is there, by more than one scene. Of one scene the
+    table says all.
 
     Raises
     ------
@@ -290,7 +293,8 @@ def all_duels(
         If no table has the method `focus`.
     """
     if focus is None:
-        return tuple(duel for against in RIVALS for duel in duels(tables, OURS, against))
+        found = (duel for against in RIVALS for duel in duels(tables, OURS, against))
+        return tuple(duel for duel in found if duel.scenes > 1)
     methods = list(dict.fromkeys(method for table in tables for method in table.methods))
     check_focus(focus, methods)
     return tuple(
