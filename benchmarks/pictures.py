@@ -1,6 +1,7 @@
 """The pictures of README and docs, from our own scenes: `script/bench pictures`.
 
-One sheet of the fills for the README, and one of the steps of the method for docs/method.md.
+One sheet of close-ups for the README, one of the fills, and one of the steps of the method for
+docs/method.md.
 """
 
 from __future__ import annotations
@@ -25,6 +26,10 @@ from stimuli.scenes.builtin_scenes import build_scene
 from stimuli.single.warp_steps import metameric_steps
 
 FILLS = "push-pull", "metameric", "background-extension", "coherence-transport"
+SIZE_PX = (448, 336)
+CROP_PX = (84, 112)
+CROPS_AT = ((184, 30), (170, 210))
+"""Top and left of each close-up: a fence with flowers behind, a gate before a path."""
 
 SEED = 1
 DETAIL_PX = (120, 160)
@@ -37,23 +42,15 @@ STEPS = (  # of `stimuli.single.warp_steps`, and what stands under them
 
 
 def main(argv: list[str]) -> int:
-    """Render, warp, fill and write one labelled picture."""
+    """Render, warp, fill and write the labelled pictures."""
     parser = argparse.ArgumentParser(prog="script/bench pictures", description=__doc__)
-    parser.add_argument("--scene", default="garden")
-    parser.add_argument("--size", type=int, nargs=2, default=(448, 336), metavar=("W", "H"))
-    parser.add_argument("--extent", type=float, default=0.25, help="radius of the path, m")
-    parser.add_argument("--frame", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("docs/images/fills.png"))
-    parser.add_argument("--steps", type=Path, default=Path("docs/images/method-steps.png"))
-    arguments = parser.parse_args(argv)
+    parser.add_argument("--out", type=Path, default=Path("docs/images"))
+    out = parser.parse_args(argv).out
     ctx = create_context()
-    world = build_scene(arguments.scene, 1, {})
-    scenery = RenderedScenery(WorldRenderer(ctx, world), arguments.scene)
-    shot = CameraShot(
-        make_path(CirclePath(kind="circle"), 60, 30.0), tuple(arguments.size), arguments.extent, 0.1
-    )
-    footage = Footage(ctx, scenery, shot, probe=[arguments.frame])
-    warped = footage.warped(arguments.frame)
+    scenery = RenderedScenery(WorldRenderer(ctx, build_scene("garden", 1, {})), "garden")
+    path = make_path(CirclePath(kind="circle"), 60, 30.0)
+    footage = Footage(ctx, scenery, CameraShot(path, SIZE_PX, 0.25, 0.1), probe=[0])
+    warped = footage.warped(0)
     tiles = [
         ("warped: what the source did not see", pictures.of_holes(warped.colour, warped.hole)),
     ]
@@ -61,15 +58,38 @@ def main(argv: list[str]) -> int:
         method = create_method(name, ctx)
         tiles.append((name, pictures.of_colour(method.fill(warped, SEED))))
         method.release()
-    tiles.append(("the true view", pictures.of_colour(footage.truth(arguments.frame))))
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    pictures.save_picture(arguments.out, pictures.sheet(tiles, columns=3))
-    pictures.save_picture(arguments.steps, steps_sheet(warped, tiles))
-    print(f"holes {100 * np.mean(warped.hole):.1f} %; wrote {arguments.out}, {arguments.steps}")
+    tiles.append(("the true view", pictures.of_colour(footage.truth(0))))
+    out.mkdir(parents=True, exist_ok=True)
+    sheets = {
+        "close-ups.png": close_ups(tiles),
+        "fills.png": pictures.sheet(tiles, columns=3),
+        "method-steps.png": steps_sheet(warped, tiles),
+    }
+    for name, sheet in sheets.items():
+        pictures.save_picture(out / name, sheet)
+    print(f"holes {100 * np.mean(warped.hole):.1f} %; wrote {', '.join(sheets)} into {out}")
     footage.release()
     scenery.release()
     release_context(ctx)
     return 0
+
+
+def close_ups(tiles: list[tuple[str, pictures.Picture]]) -> pictures.Picture:
+    """The holes, our fill, a plain blur and the truth, in two crops at three times their size."""
+    shown = [("what the camera did not see", 0), ("metameric", 2), ("push-pull", 1), ("truth", -1)]
+    return pictures.sheet(
+        [
+            (
+                label,
+                tiles[place][1][top : top + CROP_PX[0], left : left + CROP_PX[1]]
+                .repeat(3, 0)
+                .repeat(3, 1),
+            )
+            for top, left in CROPS_AT
+            for label, place in shown
+        ],
+        columns=4,
+    )
 
 
 def steps_sheet(warped: WarpedFrame, fills: list[tuple[str, pictures.Picture]]) -> pictures.Picture:
