@@ -11,7 +11,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
@@ -32,7 +31,6 @@ CROPS_AT = ((184, 30), (170, 210))
 """Top and left of each close-up: a fence with flowers behind, a gate before a path."""
 
 SEED = 1
-DETAIL_PX = (120, 160)
 STEPS = (  # of `stimuli.single.warp_steps`, and what stands under them
     ("base", "2 base: colour of what lies at the hole's depth"),
     ("level0-bands", "3 finest bands: high, along x, along y"),
@@ -94,8 +92,7 @@ def close_ups(tiles: list[tuple[str, pictures.Picture]]) -> pictures.Picture:
 
 def steps_sheet(warped: WarpedFrame, fills: list[tuple[str, pictures.Picture]]) -> pictures.Picture:
     """The steps of the method where most is hidden, between the warped frame and the truth."""
-    top, left = most_holes(warped.hole, DETAIL_PX)
-    rows, columns = slice(top, top + DETAIL_PX[0]), slice(left, left + DETAIL_PX[1])
+    rows, columns = slice(189, 309), slice(71, 231)
     detail = WarpedFrame(
         warped.colour[rows, columns],
         warped.depth_m[rows, columns],
@@ -108,29 +105,11 @@ def steps_sheet(warped: WarpedFrame, fills: list[tuple[str, pictures.Picture]]) 
     tiles = [
         ("1 warped: holes", holes),
         ("their depth: the background's", pictures.of_depth(detail.depth_m)),
-        *((label, pictures.fitted(steps[name], DETAIL_PX)) for name, label in STEPS),
+        *((label, pictures.fitted(steps[name], (120, 160))) for name, label in STEPS),
         ("metameric", metameric),
         ("the true view", truth),
     ]
     return pictures.sheet(tiles, columns=4)
-
-
-def most_holes(hole: NDArray[np.bool_], size: tuple[int, int]) -> tuple[int, int]:
-    """Return top and left of the window of `size` (height, width) with the most hole pixels.
-
-    The picture's own border is left out where it can be: what enters there is no disocclusion.
-    """
-    height, width = (min(a, b) for a, b in zip(size, hole.shape, strict=True))
-    sums = np.pad(hole.astype(np.int64), ((1, 0), (1, 0))).cumsum(0).cumsum(1)
-    counts = (
-        sums[height:, width:] - sums[:-height, width:] - sums[height:, :-width]
-        + sums[:-height, :-width]
-    )  # fmt: skip
-    border = hole.shape[1] // 10
-    if counts.shape[1] > 2 * border:
-        counts[:, :border] = counts[:, counts.shape[1] - border :] = -1
-    top, left = np.unravel_index(int(counts.argmax()), counts.shape)
-    return int(top), int(left)
 
 
 if __name__ == "__main__":

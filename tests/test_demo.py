@@ -12,7 +12,6 @@ from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from markupsafe import escape
 from rich.console import Console
@@ -20,7 +19,6 @@ from study_texts import shipped_study
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from benchmarks.pictures import most_holes
 from protocols.disk.hashing import sha256_file
 from protocols.errors import StudyError
 from protocols.manifest import read_manifest
@@ -377,13 +375,3 @@ def test_it_says_where_it_cannot_write(tmp_path):
     assert result.exit_code == 2
     assert "out" in result.output
     assert "Traceback" not in result.output
-
-
-def test_the_detail_of_a_picture_is_where_most_is_hidden():
-    hole = np.zeros((60, 100), bool)
-    hole[:, :5] = True  # what enters at the border is no disocclusion
-    hole[30:40, 50:70] = True
-
-    top, left = most_holes(hole, (10, 20))
-
-    assert (top, left) == (30, 50)
