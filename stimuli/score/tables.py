@@ -282,10 +282,9 @@ def duels(
 def all_duels(
     tables: tuple[ScoreTable, ...], focus: str | None = None
 ) -> tuple[PairedMethods, ...]:
-    """Compare `focus` with every other method.
+    """Compare `focus` with every other method; left out: ours with each of `RIVALS` that is there.
 
-    Left out: ours with each of `RIVALS` that is there, by more than one scene. Of one scene the
-    table says all.
+    Of one scene the table says all: it gets no comparison without a focus.
 
     Raises
     ------

@@ -102,8 +102,7 @@ def doctor(
     """Check that this machine is fit for the job.
 
     One line per question: PASS, WARN or FAIL, with the cure.
-    Ends with status 1 if a job that you name FAILs; without names, if every job does. Changes
-    nothing on the machine.
+    Ends with status 1 if a job that you name FAILs; without names, if every job does.
 
     Examples:
 
