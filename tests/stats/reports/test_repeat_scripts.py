@@ -325,7 +325,7 @@ def test_times_that_nobody_and_no_scene_varies_in_have_scripts(rng):
     flat = replace(model, participant_sd=0.0, interaction_sd=0.0, scene_sd=0.0,
                    scene_interaction_sd=0.0)  # fmt: skip
     plan = analysis_of("reaction").settings_of_table(rows, "rows", TimeTableSettings(by="method"))
-    found = Times((), {}, flat, None, ())
+    found = Times((), {}, flat, ())
 
     assert {*TimesPart().show(found, plan).scripts} == {"times.R", "times.py"}
     assert "(1 | participant)" in TimesPart().show(found, plan).scripts["times.R"]
