@@ -35,9 +35,9 @@ else:
 
     def _behind_s() -> float:
         """Time for which one clock stood still and the other did not, and a constant."""
-        mac = sys.platform == "darwin"
-        through_sleep = time.CLOCK_MONOTONIC if mac else time.CLOCK_BOOTTIME
-        return time.clock_gettime(through_sleep) - time.monotonic()
+        if sys.platform == "darwin":
+            return time.clock_gettime(time.CLOCK_MONOTONIC) - time.monotonic()
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic()
 
 
 def unnoticed(system: str, environment: Mapping[str, str], unasked: str = "") -> str:
