@@ -33,7 +33,7 @@ PART = PagePart("quality table")
 def warped_pair(ctx: moderngl.Context, pair: StereoPair) -> WarpedFrame:
     """The left photograph as the right one's camera sees it, without its rim."""
     frame = pair.warp_input()
-    return warp_frame(ctx, frame.source, frame.flow_px, settings=PAIR_WARP)
+    return warp_frame(frame.source, frame.flow_px, settings=PAIR_WARP, ctx=ctx)
 
 
 def measure(

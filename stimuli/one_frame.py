@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import WarpedFrame
-from pipeline.methods.registry import create_method
+from pipeline.methods.registry import fill
 from pipeline.named_classes import Choice
 from pipeline.quality import SSIM_LEAST_PX, Quality, evaluate, interior
 from pipeline.synthesis.settings import check_seed
 from pipeline.warp.gpu import warp_frame
-from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
 from stimuli import pictures
 from stimuli.exr import WarpInput
@@ -66,11 +64,12 @@ def warp_and_fill(
         If the input breaks a rule, everything is a hole, or a method cannot be made.
     """
     seed = check_seed(seed)
-    warped = (warp if ctx is None else partial(warp_frame, ctx))(
+    warped = warp_frame(
         frame.source,
         frame.flow_px,
         target_depth_m=frame.target_depth_m,
         settings=settings or WarpSettings(),
+        ctx=ctx,
     )
     if hole is not None:
         warped = replace(warped, hole=warped.hole | hole)
@@ -78,11 +77,7 @@ def warp_and_fill(
     inside = interior(warped.hole) if truth_mask is None else everywhere
     results = []
     for choice in choices:
-        method = create_method(choice.name, ctx, choice.parameters)
-        try:
-            colour = method.fill(warped, seed)
-        finally:
-            method.release()
+        colour = fill(warped, choice.name, seed=seed, ctx=ctx, **choice.parameters)
         quality, quality_all = (_measure(colour, truth, mask) for mask in (inside, everywhere))
         results.append(FillResult(choice, colour, quality, quality_all))
     return warped, results
@@ -103,9 +98,9 @@ def comparison(
     tiles = [("warped, holes marked", pictures.of_holes(warped.colour, warped.hole))]
     if truth is not None:
         tiles.append(("truth", pictures.of_colour(truth)))
-    for fill in fills:
-        label = fill.choice.label + quality_words(fill)
-        tiles.append((label, pictures.of_colour(fill.colour)))
+    tiles += [
+        (one.choice.label + quality_words(one), pictures.of_colour(one.colour)) for one in fills
+    ]
     return pictures.sheet(tiles)
 
 

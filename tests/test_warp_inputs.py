@@ -319,7 +319,7 @@ def test_options_that_do_not_go_together_are_refused(scene, arguments, said):
 
 def known_error(ctx, frame: WarpInput, truth) -> tuple[float, float]:
     """Mean absolute error against the other picture where the warp shows something, and at rest."""
-    warped = warp_frame(ctx, frame.source, frame.flow_px, target_depth_m=frame.target_depth_m)
+    warped = warp_frame(frame.source, frame.flow_px, target_depth_m=frame.target_depth_m, ctx=ctx)
     known = ~warped.hole
     assert known.mean() > 0.5
     return (

@@ -15,10 +15,14 @@ from pathlib import Path
 from typing import Any, cast
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import GLUnavailableError, InputError, MissingExtraError
+from pipeline.frame import WarpedFrame
 from pipeline.methods.method import Method
 from pipeline.named_classes import NamedClass, check_given, defaults_of, find
+from pipeline.synthesis.settings import check_seed
 
 
 def _with_plugins(shipped: tuple[NamedClass, ...]) -> tuple[NamedClass, ...]:
@@ -178,6 +182,46 @@ def create_method(
     leading: list[object] = [ctx] if needs_gpu else []
     leading += entry.path_in(name)
     return cast(Method, method_class(*leading, **(parameters or {})))
+
+
+def fill(
+    warped: WarpedFrame,
+    method: str = "metameric",
+    *,
+    seed: int = 0,
+    ctx: moderngl.Context | None = None,
+    **parameters: Any,
+) -> NDArray[np.float32]:
+    """Fill the holes of one warped frame. For many frames make the method by `create_method`.
+
+    Parameters
+    ----------
+    warped : WarpedFrame of size (H, W)
+        Colour, depth, holes and flow, as the warp gives them.
+    method : str
+        One of `method_names`.
+    seed : int
+        Of noise, from 0 to 2**63 - 1; the frames of a clip share one.
+    ctx : moderngl.Context, optional
+        Work on the GPU, where the method can; without it numpy does.
+    **parameters
+        Of the method; see `method_parameters`.
+
+    Returns
+    -------
+    ndarray of float32, shape (H, W, 3)
+        Encoded R'G'B' in [0, 1]. Outside the holes it is the colour of `warped`.
+
+    Raises
+    ------
+    InputError, GLUnavailableError
+        As `create_method`; also if everything is a hole.
+    """
+    filler = create_method(method, ctx, parameters)
+    try:
+        return filler.fill(warped, check_seed(seed))
+    finally:
+        filler.release()
 
 
 def check_method(name: str, parameters: Mapping[str, Any]) -> None:

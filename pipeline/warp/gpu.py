@@ -12,6 +12,7 @@ from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import describe
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import format_of, texture_from
+from pipeline.warp import reference
 from pipeline.warp.settings import TargetWindow, WarpSettings, checked
 
 ROW = 64  # work-group size of whole frames: tiles would share cache sets where rows are 2^n bytes
@@ -179,15 +180,15 @@ class WarpPass(Pass):
 
 
 def warp_frame(
-    ctx: moderngl.Context,
     frame: SourceFrame,
     flow_px: NDArray[np.float32],
     *,
     target_depth_m: NDArray[np.float32] | None = None,
     window: TargetWindow | None = None,
     settings: WarpSettings = WarpSettings(),  # noqa: B008 (frozen)
+    ctx: moderngl.Context | None = None,
 ) -> WarpedFrame:
-    """Warp one frame: arrays in, arrays out. For many frames build a `WarpPass`.
+    """Show `frame` as the target view sees it. For many frames build a `WarpPass`.
 
     Parameters
     ----------
@@ -202,12 +203,18 @@ def warp_frame(
         What is shown, in the source's pixel grid; all of it by default.
     settings : WarpSettings
         Variant and thresholds.
+    ctx : moderngl.Context, optional
+        Work on the GPU; without it numpy does.
 
     Raises
     ------
     InputError
         If sizes or types differ, the flow is not finite, or `target_depth_m` is NaN.
     """
+    if ctx is None:
+        return reference.warp(
+            frame, flow_px, target_depth_m=target_depth_m, window=window, settings=settings
+        )
     flow_px, depth_m = checked(frame, flow_px, target_depth_m, settings)
     height, width = frame.size
     padded = np.concatenate([frame.colour, np.ones((height, width, 1), np.float32)], axis=-1)

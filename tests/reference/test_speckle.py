@@ -1,5 +1,7 @@
 """Outliers of measured depth: which are mended, how, and what thin things stay."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -114,7 +116,7 @@ def test_both_twins_warp_as_if_the_outlier_were_none(gl_context, rng):
     frame, flow, clean = source(rng)
     right = flow.copy()
     right[20, 13] = 0
-    for twin in (warp, lambda *a, **k: warp_frame(gl_context, *a, **k)):
+    for twin in (warp, partial(warp_frame, ctx=gl_context)):
         wanted = twin(SourceFrame(frame.colour, clean), right)
         found = twin(frame, flow, settings=WarpSettings(depth_speckle=True))
         bare = twin(frame, flow)

@@ -211,7 +211,7 @@ def test_the_motorcycle_matches_reference(prepare, gl_context):
     from stimuli.scenes.stereo import PAIR_WARP, built_in_pair
 
     frame = built_in_pair("motorcycle").warp_input()
-    whole = warp_frame(gl_context, frame.source, frame.flow_px, settings=PAIR_WARP)
+    whole = warp_frame(frame.source, frame.flow_px, settings=PAIR_WARP, ctx=gl_context)
     crop = np.s_[150:362, 90:411]
     warped = WarpedFrame(
         *(
@@ -237,7 +237,7 @@ def test_from_source_to_fill_the_gpu_matches_reference(prepare, gl_context, rng,
     )
     frame = SourceFrame(colour.clip(0, 1).astype(np.float32), depth_m)
     flow_px, target_depth_m = flow_between(source, source.moved(offset_m), depth_m)
-    found = warp_frame(gl_context, frame, flow_px, target_depth_m=target_depth_m)
+    found = warp_frame(frame, flow_px, target_depth_m=target_depth_m, ctx=gl_context)
     exact = warp(frame, flow_px, target_depth_m=target_depth_m)
     assert 0.02 < exact.hole.mean() < 0.3
     np.testing.assert_array_equal(found.hole, exact.hole)

@@ -265,12 +265,12 @@ def assert_alike(found: WarpedFrame, scene: Scene, settings: WarpSettings) -> Wa
 def run(ctx: moderngl.Context, scene: Scene, settings: WarpSettings) -> WarpedFrame:
     """Warp on the GPU."""
     return warp_frame(
-        ctx,
         scene.frame,
         scene.flow_px,
         target_depth_m=scene.target_depth_m,
         window=scene.window,
         settings=settings,
+        ctx=ctx,
     )
 
 
@@ -403,7 +403,7 @@ def test_no_motion_returns_the_frame_bit_by_bit(gl_context, rng, size):
     depth[0, -1] = np.inf
     frame = SourceFrame(rng.random((*size, 3), np.float32), depth)
 
-    warped = warp_frame(gl_context, frame, np.zeros((*size, 2), np.float32))
+    warped = warp_frame(frame, np.zeros((*size, 2), np.float32), ctx=gl_context)
 
     assert not warped.hole.any()
     np.testing.assert_array_equal(warped.colour, frame.colour)
@@ -413,7 +413,7 @@ def test_no_motion_returns_the_frame_bit_by_bit(gl_context, rng, size):
 
 def test_whole_pixel_translation_moves_every_bit(gl_context, rng):
     frame = SourceFrame(rng.random((30, 40, 3), np.float32), np.full((30, 40), 3, np.float32))
-    warped = warp_frame(gl_context, frame, np.full((30, 40, 2), (5, -2), np.float32))
+    warped = warp_frame(frame, np.full((30, 40, 2), (5, -2), np.float32), ctx=gl_context)
     np.testing.assert_array_equal(warped.colour[:28, 5:], frame.colour[2:, :35])
     assert warped.hole.sum() == 30 * 40 - 28 * 35
     np.testing.assert_array_equal(warped.depth_m, 3)
@@ -421,7 +421,7 @@ def test_whole_pixel_translation_moves_every_bit(gl_context, rng):
 
 def test_a_constant_frame_stays_constant(gl_context, rng):
     frame = SourceFrame(np.full((40, 40, 3), 0.3, np.float32), np.full((40, 40), 2.7, np.float32))
-    warped = warp_frame(gl_context, frame, (3 * rng.standard_normal((40, 40, 2))).astype("f4"))
+    warped = warp_frame(frame, (3 * rng.standard_normal((40, 40, 2))).astype("f4"), ctx=gl_context)
     np.testing.assert_array_equal(warped.colour[~warped.hole], np.float32(0.3))
     np.testing.assert_array_equal(warped.depth_m, np.float32(2.7))
 
@@ -571,4 +571,4 @@ def test_bad_arrays_are_refused_before_anything_is_drawn(gl_context, disc_over_p
     flow = np.zeros((96, 128, 2), np.float32)
     flow[3, 4] = np.nan
     with pytest.raises(InputError, match=r"flow_px must be finite .*row 3, column 4"):
-        warp_frame(gl_context, disc_over_plane, flow)
+        warp_frame(disc_over_plane, flow, ctx=gl_context)
