@@ -121,7 +121,7 @@ class Box:
 
 @dataclass(frozen=True)
 class MediaFile:
-    """A picture, video (.webm) or page (.html) by its address, with its caption."""
+    """A picture or video (.webm) by its address, with its caption."""
 
     address: str
     caption: str = ""
