@@ -5,6 +5,7 @@ counts, as in Kuffner dos Anjos et al. 2022, section 5.1.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,31 @@ class Quality:
     band_error: float
 
 
+class TrueView:
+    """The truth, and what measures of fills ask of it: computed once for all fills of a hole.
+
+    Parameters
+    ----------
+    colour : ndarray of float32, shape (H, W, 3)
+        Encoded R'G'B' in [0, 1].
+    """
+
+    def __init__(self, colour: NDArray[np.float32]) -> None:
+        self.colour = colour
+        self._moments: dict[bytes, list[Floats]] = {}
+
+    @cached_property
+    def _bands(self) -> tuple[Floats, ...]:
+        return analyse(ycbcr_from_rgb(self.colour.astype(np.float64)), BAND_LEVELS).bands
+
+    def moments(self, mask: Bools) -> list[Floats]:
+        """Pooled moments of each level's bands inside `mask`."""
+        key = mask.tobytes()
+        if key not in self._moments:
+            self._moments[key] = _pooled_moments(self._bands, mask)
+        return self._moments[key]
+
+
 def interior(hole: Bools) -> Bools:
     """Keep the holes, (H, W), that do not touch the frame's border, not even by a corner.
 
@@ -56,13 +82,14 @@ def interior(hole: Bools) -> Bools:
     return hole & ~np.isin(labels, at_border)
 
 
-def evaluate(filled: NDArray[np.float32], truth: NDArray[np.float32], mask: Bools) -> Quality:
+def evaluate(filled: NDArray[np.float32], truth: TrueView, mask: Bools) -> Quality:
     """Measure `filled` against `truth` inside `mask`.
 
     Parameters
     ----------
-    filled, truth : ndarray of float32, shape (H, W, 3)
+    filled : ndarray of float32, shape (H, W, 3)
         Encoded R'G'B' in [0, 1].
+    truth : TrueView
     mask : ndarray of bool, shape (H, W)
         At least one pixel.
 
@@ -72,9 +99,9 @@ def evaluate(filled: NDArray[np.float32], truth: NDArray[np.float32], mask: Bool
         If an array breaks these rules, or the image is too small for SSIM.
     """
     return Quality(
-        psnr_db=psnr_db(filled, truth, mask),
-        ssim=ssim(filled, truth, mask),
-        high_frequency_ratio=high_frequency_ratio(filled, truth, mask),
+        psnr_db=psnr_db(filled, truth.colour, mask),
+        ssim=ssim(filled, truth.colour, mask),
+        high_frequency_ratio=high_frequency_ratio(filled, truth.colour, mask),
         band_error=band_error(filled, truth, mask),
     )
 
@@ -134,13 +161,7 @@ def high_frequency_ratio(
     return ours / theirs
 
 
-def band_error(
-    filled: NDArray[np.float32],
-    truth: NDArray[np.float32],
-    mask: Bools,
-    *,
-    levels: int = BAND_LEVELS,
-) -> float:
+def band_error(filled: NDArray[np.float32], truth: TrueView, mask: Bools) -> float:
     """Distance of the local statistics of the fill's bands from the truth's.
 
     Mean and deviation of every band of the steerable pyramid in Y'CbCr, pooled over the
@@ -154,39 +175,37 @@ def band_error(
     InputError
         If the truth has no detail inside the mask on some level.
     """
-    composite = _composite(filled, truth, mask)
-    ours, theirs = (
-        analyse(ycbcr_from_rgb(image), levels).bands
-        for image in (composite, truth.astype(np.float64))
-    )
+    composite = _composite(filled, truth.colour, mask)
+    ours = _pooled_moments(analyse(ycbcr_from_rgb(composite), BAND_LEVELS).bands, mask)
     errors = []
-    inside = mask
-    for level in range(levels):
-        pooled, true = (_pooled_moments(bands[level], inside) for bands in (ours, theirs))
+    for level, (pooled, true) in enumerate(zip(ours, truth.moments(mask), strict=True)):
         reference = float(np.sum(true**2))
         if reference < ROUNDING**2:
             raise InputError(
                 f"the truth must have some detail inside the mask on level {level} (it is flat)"
             )
         errors.append(np.sqrt(np.sum((pooled - true) ** 2) / reference))
-        inside = _halve_mask(inside)
     return float(np.mean(errors))
 
 
-def _pooled_moments(band: Floats, mask: Bools) -> Floats:
-    """Local mean and deviation over the coefficients inside `mask`, shape (2, inside, ...)."""
+def _pooled_moments(bands: tuple[Floats, ...], mask: Bools) -> list[Floats]:
+    """Local mean and deviation of each level, inside `mask`: shape (2, inside, ...)."""
 
-    def pool(values: Floats) -> Floats:
+    def pool(values: Floats, mask: Bools) -> Floats:
         sigma = (BAND_POOLING, BAND_POOLING) + (0.0,) * (values.ndim - 2)
         return np.asarray(ndimage.gaussian_filter(values, sigma, mode="constant")[mask])
 
-    (box,) = ndimage.find_objects(mask.astype(np.uint8))  # outside, nothing is pooled
-    band, mask = band[box], mask[box]
-    share = mask.reshape(mask.shape + (1,) * (band.ndim - 2)).astype(np.float64)
-    weight = pool(share)
-    mean = pool(share * band) / weight
-    square = pool(share * band**2) / weight
-    return np.stack([mean, np.sqrt(np.maximum(square - mean**2, 0.0))])
+    moments = []
+    for band in bands:
+        (box,) = ndimage.find_objects(mask.astype(np.uint8))  # outside, nothing is pooled
+        inside, within = band[box], mask[box]
+        share = within.reshape(within.shape + (1,) * (band.ndim - 2)).astype(np.float64)
+        weight = pool(share, within)
+        mean = pool(share * inside, within) / weight
+        square = pool(share * inside**2, within) / weight
+        moments.append(np.stack([mean, np.sqrt(np.maximum(square - mean**2, 0.0))]))
+        mask = _halve_mask(mask)
+    return moments
 
 
 def _halve_mask(mask: Bools) -> Bools:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.frame import WarpedFrame
 from pipeline.methods.registry import fill
 from pipeline.named_classes import Choice
-from pipeline.quality import SSIM_LEAST_PX, Quality, evaluate, interior
+from pipeline.quality import SSIM_LEAST_PX, Quality, TrueView, evaluate, interior
 from pipeline.synthesis.settings import check_seed
 from pipeline.warp.gpu import warp_frame
 from pipeline.warp.settings import WarpSettings
@@ -75,16 +75,19 @@ def warp_and_fill(
         warped = replace(warped, hole=warped.hole | hole)
     everywhere = warped.hole if truth_mask is None else warped.hole & truth_mask
     inside = interior(warped.hole) if truth_mask is None else everywhere
+    same = np.array_equal(inside, everywhere)
+    view = None if truth is None else TrueView(truth)
     results = []
     for choice in choices:
         colour = fill(warped, choice.name, seed=seed, ctx=ctx, **choice.parameters)
-        quality, quality_all = (_measure(colour, truth, mask) for mask in (inside, everywhere))
+        quality_all = _measure(colour, view, everywhere)
+        quality = quality_all if same else _measure(colour, view, inside)
         results.append(FillResult(choice, colour, quality, quality_all))
     return warped, results
 
 
 def _measure(
-    colour: NDArray[np.float32], truth: NDArray[np.float32] | None, mask: NDArray[np.bool_]
+    colour: NDArray[np.float32], truth: TrueView | None, mask: NDArray[np.bool_]
 ) -> Quality | None:
     if truth is None or not mask.any() or min(mask.shape) < SSIM_LEAST_PX:
         return None

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
@@ -18,10 +20,14 @@ from pipeline.image_file import write_pixels
 from pipeline.inpaint.reference import nearest_depth_m
 from protocols.disk.result_folder import whole_folder
 
+S = TypeVar("S", bound=np.generic)
 Picture: TypeAlias = NDArray[np.uint8]
 Step = tuple[str, str, Picture]  # file name without number and ending, label, picture
 
 HOLE_COLOUR = (255, 0, 255)  # photographs hold no magenta
+CROP_SHARE = 1 / 6
+"""Width of a crop that is looked for, in widths of the picture; 4 to 3."""
+_FAR = 2.0  # crops' widths, below which another crop shows much the same place
 _BACKGROUND = (24, 24, 24)
 _TEXT = (240, 240, 240)
 _MARGIN_PX = 12
@@ -193,3 +199,49 @@ def _wrap(label: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width:
             line = longer
         lines.append(line)
     return "\n".join(lines)
+
+
+class Crop(NamedTuple):
+    """A part of a picture, in pixels from its upper left corner."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    def of(self, picture: NDArray[S]) -> NDArray[S]:
+        """Return the part of a picture."""
+        return picture[self.y : self.y + self.height, self.x : self.x + self.width]
+
+
+def difference(pictures: Sequence[Picture]) -> NDArray[np.float64]:
+    """Return the distance of pictures, shape (H, W): the mean over pairs, of encoded levels."""
+    pairs = list(combinations([picture.astype(np.float64) for picture in pictures], 2))
+    if not pairs:
+        return np.zeros(pictures[0].shape[:2])
+    total: NDArray[np.float64] = np.mean([np.abs(a - b).mean(axis=2) for a, b in pairs], axis=0)
+    return total
+
+
+def auto_crops(apart: NDArray[np.floating], count: int) -> tuple[Crop, ...]:
+    """Return the parts in whose middle a picture of differences is largest; none overlap.
+
+    Each further one shows another place: what lies near those found counts less. Fewer than
+    `count` where no more fit.
+    """
+    height, width = apart.shape
+    across = max(4, round(CROP_SHARE * width))
+    down = max(4, min(height, round(0.75 * across)))
+    rows, columns = (np.hanning(edge + 2)[1:-1] for edge in (down, across))
+    worth = cv2.sepFilter2D(
+        np.ascontiguousarray(apart, np.float64), cv2.CV_64F, columns, rows, anchor=(0, 0)
+    )[: height - down + 1, : width - across + 1].round(6)
+    y, x = np.mgrid[: worth.shape[0], : worth.shape[1]]
+    found: list[Crop] = []
+    while len(found) < count and worth.size and worth.max() > -np.inf:
+        top, left = (int(k) for k in np.unravel_index(int(worth.argmax()), worth.shape))
+        found.append(Crop(left, top, across, down))
+        squared = ((y - top) ** 2 + (x - left) ** 2) / (_FAR * across) ** 2
+        overlaps = (abs(y - top) < down) & (abs(x - left) < across)
+        worth = np.where(overlaps, -np.inf, worth * (1 - np.exp(-squared / 2)))
+    return tuple(found)

@@ -7,24 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-import cv2
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from protocols.errors import must_be_one_of
 from protocols.manifest import Clip, Manifest
 from protocols.recipes.base import SCENE
 from stimuli.media.png import decode
+from stimuli.pictures import Crop, Picture, auto_crops, difference
 from stimuli.score.plots import COLOURS, figure_style
 
 METHOD: Final = "method"
@@ -32,25 +30,12 @@ REFERENCE: Final = "reference"
 WIDTHS_IN: Final = {1: 3.33, 2: 7.0}
 """Widths of figures in one and two columns."""
 TRIED_FRAMES: Final = 8
-AUTO_SHARE: Final = 1 / 6
-"""Width of a crop that is looked for, in widths of the frame; 4 to 3."""
 _GAP_IN = 0.04
 _BETWEEN_IN = 0.09
 _PAD_IN = 0.015  # room for outlines
 _LEAST_PT = 5.0
 _LINES = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
 _LETTERS = "abcdefgh"
-
-Picture = NDArray[np.uint8]
-
-
-class Crop(NamedTuple):
-    """A part of a frame, in pixels from its upper left corner."""
-
-    x: int
-    y: int
-    width: int
-    height: int
 
 
 @dataclass(frozen=True)
@@ -201,7 +186,7 @@ def _row(
         seen = [_read(folder, clips[name], index) for name in compared]
         apart = difference(seen)
         places = tuple(crops) or auto_crops(apart, count)
-        value = float(np.mean([apart[_part(crop)].mean() for crop in places]))
+        value = float(np.mean([crop.of(apart).mean() for crop in places]))
         if best is None or value > best[0]:
             best = value, index, places
     assert best is not None
@@ -220,36 +205,6 @@ def _row(
         index,
         str(first.condition["size"]) if "size" in first.condition else None,
     )
-
-
-def difference(pictures: Sequence[Picture]) -> NDArray[np.float64]:
-    """Return the distance of pictures, shape (H, W): the mean over pairs, of encoded levels."""
-    pairs = list(combinations([picture.astype(np.float64) for picture in pictures], 2))
-    if not pairs:
-        return np.zeros(pictures[0].shape[:2])
-    total: NDArray[np.float64] = np.mean([np.abs(a - b).mean(axis=2) for a, b in pairs], axis=0)
-    return total
-
-
-def auto_crops(apart: NDArray[np.floating], count: int) -> tuple[Crop, ...]:
-    """Return the parts in which a picture of differences is largest; they do not overlap.
-
-    Fewer than `count` where no more fit.
-    """
-    height, width = apart.shape
-    across = max(4, round(AUTO_SHARE * width))
-    down = max(4, min(height, round(0.75 * across)))
-    table = cv2.integral(np.ascontiguousarray(apart, np.float64))
-    sums = (
-        table[down:, across:] - table[:-down, across:] - table[down:, :-across]
-        + table[:-down, :-across]
-    )  # fmt: skip
-    found: list[Crop] = []
-    while len(found) < count and np.isfinite(sums).any() and sums.max() > -np.inf:
-        y, x = (int(k) for k in np.unravel_index(int(sums.argmax()), sums.shape))
-        found.append(Crop(x, y, across, down))
-        sums[max(0, y - down + 1) : y + down, max(0, x - across + 1) : x + across] = -np.inf
-    return tuple(found)
 
 
 def teaser(
@@ -382,8 +337,7 @@ def _draw_row(
         for index, crop in enumerate(row.crops):
             upper = first - index * (layout.crop_in[1] + _GAP_IN)
             axes = place(left, upper, layout.crop_in)
-            part = picture[_part(crop)]
-            _image(axes, part)
+            _image(axes, crop.of(picture))
             _outline(axes, index, (0, 0, crop.width, crop.height), letter=column == 0)
     return (first - layout.crops_in) if not layout.beside else top - layout.whole_in[1]
 
@@ -428,10 +382,6 @@ def _fitting(figure: Figure, x: float, y: float, text: str, across_in: float) ->
     while wide() > across_in and len(text) > 4:
         text = text[:-2].rstrip(" …") + "…"
         made.set_text(text)
-
-
-def _part(crop: Crop) -> tuple[slice, slice]:
-    return slice(crop.y, crop.y + crop.height), slice(crop.x, crop.x + crop.width)
 
 
 def _read(folder: Path, clip: Clip, index: int) -> Picture:

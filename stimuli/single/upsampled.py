@@ -19,7 +19,7 @@ from pipeline.frame import WarpedFrame
 from stimuli import pictures
 from stimuli.clip import with_true_view
 from stimuli.one_frame import FillResult, quality_words
-from stimuli.single.teaser import Crop, auto_crops, difference
+from stimuli.pictures import Crop, auto_crops, difference
 
 CROPS = 3
 """One of the fovea, and so many less one of the periphery."""
@@ -138,9 +138,8 @@ def _tile(
     draw = ImageDraw.Draw(canvas)
     line = max(1, width // 400)
     for number, crop in enumerate(crops):
-        part = picture[crop.y : crop.y + crop.height, crop.x : crop.x + crop.width]
         top = number * (high + GAP_PX)
-        enlarged = Image.fromarray(part).resize((wide, high), Image.Resampling.NEAREST)
+        enlarged = Image.fromarray(crop.of(picture)).resize((wide, high), Image.Resampling.NEAREST)
         canvas.paste(enlarged, (width + GAP_PX, top))
         boxes = (
             (crop.x, crop.y, crop.width, crop.height),

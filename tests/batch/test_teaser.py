@@ -8,8 +8,9 @@ import re
 import numpy as np
 import pytest
 
+from stimuli.pictures import Crop, auto_crops, difference
 from stimuli.score.plots import png_bytes, vector_bytes
-from stimuli.single.teaser import WIDTHS_IN, Crop, FigureRow, auto_crops, difference, teaser
+from stimuli.single.teaser import WIDTHS_IN, FigureRow, teaser
 
 
 def row(methods: int = 3, title: str = "") -> FigureRow:
@@ -35,6 +36,30 @@ def test_crops_lie_where_the_difference_is_largest_and_never_overlap():
     assert apart[second.y : second.y + 15, second.x : second.x + 20].sum() == pytest.approx(300)
     for one, other in ((first, second), (first, third), (second, third)):
         assert abs(one.x - other.x) >= 20 or abs(one.y - other.y) >= 15
+
+
+def test_a_crop_has_what_differs_in_its_middle_unless_it_lies_at_the_border():
+    apart = np.zeros((96, 120))
+    apart[:, 60:63] = 5.0
+    (crop,) = auto_crops(apart, 1)
+    assert abs(crop.x + crop.width / 2 - 61.5) <= 1
+    apart = np.zeros((96, 120))
+    apart[40:50, 117:] = 5.0
+    (crop,) = auto_crops(apart, 1)
+    assert crop.x == 100
+
+
+def test_a_second_crop_shows_another_place():
+    """One long edge holds both, far from each other; a hardly weaker place is shown before."""
+    apart = np.zeros((96, 120))
+    apart[:, 20:24] = 5.0
+    first, second = auto_crops(apart, 2)
+    assert abs(first.y - second.y) > 2 * first.width
+    apart[40:56] = 0.0  # parts of the edge that the first crop leaves lie close to it
+    apart[:40, 20:24] = 0.0
+    apart[:15, 90:94] = 4.0
+    first, second = auto_crops(apart, 2)
+    assert first.x < 24 < 80 < second.x + second.width
 
 
 def test_no_more_crops_are_found_than_fit():

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from pipeline import quality as measures
 from pipeline.errors import InputError
-from pipeline.quality import band_error, evaluate, high_frequency_ratio, psnr_db, ssim
+from pipeline.quality import TrueView, evaluate, high_frequency_ratio, psnr_db, ssim
+
+
+def band_error(filled, truth, mask):
+    return measures.band_error(filled, TrueView(truth), mask)
+
 
 MEASURES = (psnr_db, ssim, high_frequency_ratio, band_error)
 
@@ -47,7 +53,7 @@ def test_nothing_outside_the_mask_counts(measure, mask, truth, rng):
 
 
 def test_a_perfect_fill_scores_perfectly(mask, truth):
-    quality = evaluate(truth, truth, mask)
+    quality = evaluate(truth, TrueView(truth), mask)
 
     assert quality.psnr_db == np.inf
     assert quality.ssim == pytest.approx(1.0, abs=1e-12)
@@ -65,9 +71,7 @@ def test_ssim_of_a_shift_of_constant_images(mask):
     inner[24:40, 28:48] = True  # 12 px inside: the mask of the fill is the wide one
     shifted = np.where(mask[..., None], np.float32(0.5), base)
 
-    from pipeline import quality
-
-    composite = quality._composite(shifted, base, mask)
+    composite = measures._composite(shifted, base, mask)
     np.testing.assert_array_equal(composite, shifted)
     assert ssim(shifted, base, mask) < 0.976
     assert ssim(np.full_like(base, 0.5), base, np.ones_like(mask)) == pytest.approx(
@@ -134,3 +138,26 @@ def test_ssim_refuses_an_image_smaller_than_its_window():
 
     with pytest.raises(InputError, match="at least 11x11"):
         ssim(tiny, tiny, np.ones((8, 8), bool))
+
+
+def test_what_is_known_of_the_truth_is_the_same_for_every_fill_and_mask(mask, truth, rng):
+    view, wide = TrueView(truth), np.ones_like(mask)
+    fills = [rng.random(truth.shape, dtype=np.float32) for _ in range(2)]
+
+    for hole in (mask, wide, mask):
+        for fill in fills:
+            assert evaluate(fill, view, hole) == evaluate(fill, TrueView(truth), hole)
+
+
+def test_the_truth_is_split_into_bands_once(mask, truth, rng, monkeypatch):
+    split = []
+    analyse = measures.analyse
+    monkeypatch.setattr(
+        measures, "analyse", lambda image, *more: split.append(0) or analyse(image, *more)
+    )
+    view = TrueView(truth)
+    for hole in (mask, np.ones_like(mask)):
+        for _ in range(2):
+            evaluate(rng.random(truth.shape, dtype=np.float32), view, hole)
+
+    assert len(split) == 4 + 1
