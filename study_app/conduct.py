@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from protocols.disk.hashing import sha256_bytes
@@ -16,7 +16,6 @@ from protocols.journal import (
     BlockStart,
     Break,
     Consent,
-    Note,
     Pause,
     SessionEnd,
     SessionStart,
@@ -32,7 +31,6 @@ from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.gaze_check import GazeCheck, Validate
 from study_app.gaze.saccades import SaccadeWatch
 from study_app.gaze.source import GazeSource, RawFile, Tracker
-from study_app.opening import Setting, texts_of
 from study_app.pacing import cannot_keep_up
 from study_app.recorder import DiskError, Recorder
 from study_app.session import (
@@ -49,18 +47,15 @@ from study_app.session import (
     given_up,
     next_step,
 )
+from study_app.session_setup import SessionListener, SessionSetup
 from study_app.stage import Page, PageResult, Stage
 from study_app.trial import Trial
 
 _RAW_FILES_MOST = 20
 """Files that a tracker may have of one run."""
-LATE_MOST = 3
-"""So many attempts in a row that a late display made void end the run."""
 IDLE_MOST = 20
 """So many attempts in a row that are void by what nobody takes away end a simulated run."""
 EndReason = Literal["completed", "quit", "consent-refused", "tracker-lost", "error"]
-Mark = Callable[[str, float], None]
-"""Told what happens and when, for recordings elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -73,46 +68,29 @@ class RunOutcome:
     given_up: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class RunSettings:
-    """Listeners of a run, and the rule that ends it early.
-
-    Parameters
-    ----------
-    on_attempt : callable
-        Told every attempt once it is on the disk.
-    mark : callable
-        Told the onset of every phase, and when blocks begin and end.
-    validate : callable, optional
-        Validates the gaze source before each block; left out: nothing is validated.
-    late_most : int
-        How many attempts in a row may be void because the display was late.
-    """
-
-    on_attempt: Callable[[Attempt], None] = lambda _: None
-    mark: Mark = lambda _text, _t_s: None
-    validate: Validate | None = None
-    late_most: int = LATE_MOST
-
-
 def conduct(
-    setting: Setting,
+    setup: SessionSetup,
     plan: Plan,
     recorder: Recorder,
     stage: Stage,
     gaze: GazeSource | None,
-    asked: RunSettings = RunSettings(),
+    listener: SessionListener | None = None,
+    validate: Validate | None = None,
 ) -> RunOutcome:
     """Run a session from where its journal stands to its end, or until it is stopped.
 
     Parameters
     ----------
-    setting, plan, recorder : Setting, Plan, Recorder
+    setup : SessionSetup
+        As the session was begun, or gone on with.
+    plan, recorder : Plan, Recorder
         As `begin` or `resume` returned them.
     stage, gaze : Stage, GazeSource or None
         Open.
-    asked : RunSettings
-        Who is told, and when it ends early.
+    listener : SessionListener
+        Told every attempt, and what happens when.
+    validate : callable, optional
+        Validates the gaze source before each block; left out: nothing is validated.
 
     Raises
     ------
@@ -122,7 +100,9 @@ def conduct(
         If a clip is missing or changed, gaze cannot be judged, or the display cannot keep up: the
         journal says so.
     """
-    conductor = _Conductor(setting, plan, recorder, stage, gaze, asked)
+    conductor = _Conductor(
+        setup, plan, recorder, stage, gaze, listener or SessionListener(), validate
+    )
     try:
         reason = conductor.run()
     except DiskError:
@@ -140,7 +120,7 @@ def conduct(
     attempts = [event for event in recorder.events if isinstance(event, Attempt)]
     done = _main_done(recorder)
     recorder.append(SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done))
-    missing = given_up(plan, attempts, setting.protocol.design.max_attempts)
+    missing = given_up(plan, attempts, setup.protocol.design.max_attempts)
     return RunOutcome(reason, done, plan.main_trials, tuple(missing))
 
 
@@ -153,28 +133,28 @@ class _Conductor:
 
     def __init__(
         self,
-        setting: Setting,
+        setup: SessionSetup,
         plan: Plan,
         recorder: Recorder,
         stage: Stage,
         gaze: GazeSource | None,
-        asked: RunSettings,
+        listener: SessionListener,
+        validate: Validate | None,
     ) -> None:
-        self._setting, self._plan, self._recorder = setting, plan, recorder
-        self._stage, self._on_attempt, self._mark = stage, asked.on_attempt, asked.mark
-        self._protocol = setting.protocol
-        self._late_most, self._attempts = asked.late_most, list[Attempt]()
-        self._between = ""  # what came between participant and display, last
         start = recorder.events[0]
         assert isinstance(start, SessionStart)
-        self._language = start.language
-        self._texts = texts_of(self._protocol, self._language)
-        self._scripts = Scripts(self._protocol, setting.display, self._language, setting.manifest)
+        setup = replace(setup, language=start.language)
+        self._setup, self._plan, self._recorder = setup, plan, recorder
+        self._stage, self._listener = stage, listener
+        self._protocol, self._texts = setup.protocol, setup.texts
+        self._attempts = list[Attempt]()
+        self._between = ""  # what came between participant and display, last
+        self._scripts = Scripts(self._protocol, setup.display, setup.spoken, setup.manifest)
         self._pages = Dialogue(stage, self._protocol.response, self._texts, max(plan.blocks))
         self._watcher = None
         if gaze is not None and self._protocol.gaze.mode != "none":
             timing = self._protocol.trial
-            info, viewing = gaze.info(), Viewing.of(setting.display)
+            info, viewing = gaze.info(), Viewing.of(setup.display)
             monitor = FixationMonitor(
                 self._protocol.gaze,
                 viewing,
@@ -188,13 +168,13 @@ class _Conductor:
             self._watcher = GazeWatcher(gaze, monitor, watch)
             stage.follow(self._watcher, polled=info.polled)
         self._gaze_check = None
-        if asked.validate is not None and self._watcher is not None:
-            self._gaze_check = GazeCheck(asked.validate, self._protocol, recorder, stage)
+        if validate is not None and self._watcher is not None:
+            self._gaze_check = GazeCheck(validate, self._protocol, recorder, stage)
 
     def run(self) -> EndReason:
         """Do step after step."""
         while True:
-            step = next_step(self._protocol, self._plan, self._recorder.events, self._language)
+            step = next_step(self._protocol, self._plan, self._recorder.events, self._setup.spoken)
             if isinstance(step, Finish):
                 if not step.consented:
                     return "consent-refused"
@@ -204,10 +184,10 @@ class _Conductor:
                 return "quit"
             if isinstance(step, RunTrial) and self._tracker_lost():
                 return "tracker-lost"
-            if self._all_void(self._late_most, {"dropped-frames"}):
+            if self._all_void(self._setup.late_most, {"dropped-frames"}):
                 raise self._too_slow()
             # Nobody takes the cause away, and these voids do not use up `max_attempts`.
-            if self._setting.simulated and self._all_void(IDLE_MOST, NOT_THE_PARTICIPANTS):
+            if self._setup.simulated and self._all_void(IDLE_MOST, NOT_THE_PARTICIPANTS):
                 raise self._stands_still()
 
     def _tracker_lost(self) -> bool:
@@ -231,7 +211,7 @@ class _Conductor:
 
     def _too_slow(self) -> StudyError:
         """Return the error on a display that made the last attempts void."""
-        attempts = self._attempts[-self._late_most :]
+        attempts = self._attempts[-self._setup.late_most :]
         late = [phase for each in attempts for phase in each.phases if phase.dropped]
         words = cannot_keep_up(
             self._stage.refresh_hz,
@@ -239,7 +219,7 @@ class _Conductor:
             sum(phase.refreshes for phase in late),
         )
         return StudyError(
-            f"display {self._setting.display.name!r}: {words}; the last {len(attempts)} attempts"
+            f"display {self._setup.display.name!r}: {words}; the last {len(attempts)} attempts"
             " are void, and everything up to here is saved. Close what else runs, or take a faster"
             " machine, then run 'metamerlab session resume'. A lower refresh rate, a lower"
             " resolution or smaller stimuli need a new session"
@@ -262,7 +242,7 @@ class _Conductor:
                 if not self._gaze_passed(block):
                     return False
                 recorder.append(BlockStart(**recorder.stamps(), block=block, trials=trials))
-                self._mark(f"block {block}", self._stage.now())
+                self._listener.on_mark(f"block {block}", self._stage.now())
             case RunTrial():
                 return self._gaze_passed(step.trial.block) and self._trial(step)
             case EndBlock(block):
@@ -296,7 +276,7 @@ class _Conductor:
             Consent(
                 **self._recorder.stamps(),
                 agreed=result.key in self._protocol.response.continue_keys,
-                language=self._language,
+                language=self._setup.spoken,
                 text_sha256=sha256_bytes(text.encode("utf-8")),
             )
         )
@@ -314,8 +294,7 @@ class _Conductor:
         return self._gaze_check is None or self._gaze_check.passed(block)
 
     def _trial(self, step: RunTrial) -> bool:
-        setting = self._setting
-        script = self._scripts.of(step.trial)
+        script, on_mark = self._scripts.of(step.trial), self._listener.on_mark
         self._stage.prepare(step.trial, script, step.attempt)
         after = following(self._protocol, self._plan, self._recorder.events, step.trial)
         if after is not None:
@@ -329,7 +308,7 @@ class _Conductor:
                 trial,
                 log,
                 script,
-                setting.manifest,
+                self._setup.manifest,
                 self._recorder,
                 self._stage.kept(),
                 WatchedGaze(
@@ -340,14 +319,14 @@ class _Conductor:
             self._recorder.append(event)
             self._attempts.append(event)
             self._between = log.disturbance
-            self._on_attempt(event)
+            self._listener.on_attempt(event, self._recorder.events)
 
         result = run_attempt(
             script,
             self._stage,
             self._watcher,
             write,
-            lambda phase, t_s: self._mark(f"{step.trial.id} attempt {step.attempt} {phase}", t_s),
+            lambda phase, t_s: on_mark(f"{step.trial.id} attempt {step.attempt} {phase}", t_s),
         )
         self.hear_tracker(f"{step.position:04d}")
         return self._interrupted(result)
@@ -371,13 +350,11 @@ class _Conductor:
                 break
             files.append(raw)
         for text in told:
-            recorder.append(Note(**recorder.stamps(), text=text))
+            recorder.note(text)
         for number, raw in enumerate(files if self._protocol.privacy.store_gaze else (), 1):
             name = f"tracker/{stem}" + f"-{number}" * (number > 1)
             file = recorder.side_file(name, raw.suffix, raw.data)
-            recorder.append(
-                Note(**recorder.stamps(), text="gaze: the tracker's own data", file=file)
-            )
+            recorder.note("gaze: the tracker's own data", file)
 
     def _interrupted(self, result: AttemptResult) -> bool:
         """Ask once after the quit key; rest after the pause key or a disturbance."""
@@ -386,7 +363,7 @@ class _Conductor:
             return not self._pages.quit_pressed(self._pages.ask_to_quit())
         if "paused" in interrupts or void_reason == "focus-lost":
             if void_reason == "focus-lost":
-                self._recorder.append(Note(**self._recorder.stamps(), text=result.log.disturbance))
+                self._recorder.note(result.log.disturbance)
             page = self._pages.show("paused", self._texts.paused)
             self._recorder.append(
                 Pause(**self._recorder.stamps(), duration_s=round(page.duration_s, 6))

@@ -4,30 +4,25 @@ from __future__ import annotations
 
 import platform
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from importlib import metadata
-from pathlib import Path
 
 from protocols.against_plan import contradictions
 from protocols.disk.hashing import sha256_json
 from protocols.display import Display
-from protocols.errors import StudyError, must_be_one_of
+from protocols.errors import StudyError
 from protocols.feasibility import require_feasible
 from protocols.journal import (
     Attempt,
-    DisplayReport,
     GazeInfo,
     SessionEnd,
     SessionResume,
     SessionStart,
 )
 from protocols.journal_file import JOURNAL_NAME
-from protocols.manifest import Manifest, check_manifest
+from protocols.manifest import check_manifest
 from protocols.plan import Plan, make_plan
 from protocols.revision import code_revision, package_version
 from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import Texts
 from study_app.gaze.saccades import check_saccade_rate
 from study_app.gaze.source import GazeSource
 from study_app.recorder import Recorder
@@ -36,34 +31,12 @@ from study_app.session_folders import (
     next_slot,
     require_portable,
     require_unused,
-    session_folder,
 )
+from study_app.session_setup import SessionSetup
 from study_app.stage import Stage
 
 
-@dataclass(frozen=True)
-class Setting:
-    """Everything a session depends on besides the participant."""
-
-    protocol: StudyProtocol
-    display: Display
-    manifest: Manifest
-    root: Path
-    """Folder of all sessions."""
-    wall_clock: Callable[[], str]
-    """UTC as ``2026-01-31T12:00:00Z``."""
-    simulated: bool = False
-    display_report: DisplayReport | None = None
-    timing_evidence: str = ""
-    drawn_by: Mapping[str, str] = field(default_factory=dict)
-    """Renderer and driver of the window, by the names that `versions` has."""
-    simulation: str = ""
-    """Options of artificial observers besides; recorded, and the same when they go on."""
-
-
-def begin(
-    setting: Setting, participant: str, language: str, stage: Stage, gaze: GazeSource | None
-) -> tuple[Recorder, Plan]:
+def begin(setup: SessionSetup, stage: Stage, gaze: GazeSource | None) -> tuple[Recorder, Plan]:
     """Give a new participant a slot and a plan, and write the first line.
 
     Raises
@@ -72,55 +45,53 @@ def begin(
         If the display cannot do the protocol, the manifest is another study's, the code was
         used, the language is missing, or the folder cannot be written. Nothing is written then.
     """
-    protocol = setting.protocol
-    require_feasible(protocol, setting.display, setting.manifest)
-    check_manifest(protocol, setting.manifest)
-    _check_rate(setting.display, stage)
-    texts_of(protocol, language)
+    protocol = setup.protocol
+    require_feasible(protocol, setup.display, setup.manifest)
+    check_manifest(protocol, setup.manifest)
+    _check_rate(setup.display, stage)
+    _ = setup.texts  # refused where there are none
     info = _gaze_info(protocol, gaze)
-    folder = session_folder(setting.root, protocol, participant)
+    folder = setup.folder
     require_portable(folder)
     require_unused(folder)
-    with claimed(setting.root):
-        slot = next_slot(setting.root, protocol.study.name)
-        plan = make_plan(protocol, setting.manifest, participant, slot)
+    with claimed(setup.root):
+        slot = next_slot(setup.root, protocol.study.name)
+        plan = make_plan(protocol, setup.manifest, setup.participant, slot)
         torn = (folder / JOURNAL_NAME).exists()
         open_journal = Recorder.resume if torn else Recorder.create
-        recorder = open_journal(folder, stage.now, setting.wall_clock)
-        simulation = {_SIMULATION: setting.simulation} if setting.simulation else {}
+        recorder = open_journal(folder, stage.now, setup.wall_clock)
+        simulation = {_SIMULATION: setup.simulation} if setup.simulation else {}
         recorder.append(
             SessionStart(
                 **recorder.stamps(),
                 study=protocol.study.name,
                 task=protocol.task.kind,
-                participant=participant,
+                participant=setup.participant,
                 slot=slot,
-                language=language,
+                language=setup.spoken,
                 seed=protocol.design.seed,
-                simulated=setting.simulated,
+                simulated=setup.simulated,
                 protocol_sha256=protocol.sha256,
                 stimuli_sha256=protocol.stimuli_sha256,
-                manifest_sha256=setting.manifest.sha256,
+                manifest_sha256=setup.manifest.sha256,
                 plan_sha256=plan.sha256,
                 trials=plan.main_trials,
-                display=setting.display.name,
-                display_sha256=sha256_json(setting.display),
-                display_report=setting.display_report,
+                display=setup.display.name,
+                display_sha256=sha256_json(setup.display),
+                display_report=setup.display_report,
                 refresh_hz=stage.refresh_hz,
                 gaze_mode=protocol.gaze.mode,
                 gaze=info,
                 revision=f"{package_version()} {code_revision()}",
-                versions=versions() | dict(setting.drawn_by) | simulation,
+                versions=versions() | dict(setup.drawn_by) | simulation,
                 platform=platform.platform(),
-                timing_evidence=setting.timing_evidence,
+                timing_evidence=setup.timing_evidence,
             )
         )
     return recorder, plan
 
 
-def resume(
-    setting: Setting, participant: str, stage: Stage, gaze: GazeSource | None
-) -> tuple[Recorder, Plan]:
+def resume(setup: SessionSetup, stage: Stage, gaze: GazeSource | None) -> tuple[Recorder, Plan]:
     """Go on with a session that stopped: same plan, same order.
 
     Raises
@@ -129,20 +100,19 @@ def resume(
         If there is no such session, it is complete or withdrawn, its journal is damaged, or
         protocol, clips or display are not what it was begun with.
     """
-    protocol = setting.protocol
-    require_feasible(protocol, setting.display, setting.manifest)
-    _check_rate(setting.display, stage)
+    protocol = setup.protocol
+    require_feasible(protocol, setup.display, setup.manifest)
+    _check_rate(setup.display, stage)
     info = _gaze_info(protocol, gaze)
-    folder = session_folder(setting.root, protocol, participant)
-    recorder = Recorder.resume(folder, stage.now, setting.wall_clock)
+    recorder = Recorder.resume(setup.folder, stage.now, setup.wall_clock)
     try:
-        plan = _same_plan(setting, participant, recorder)
+        plan = _same_plan(setup, recorder)
         recorder.append(
             SessionResume(
                 **recorder.stamps(),
                 revision=f"{package_version()} {code_revision()}",
-                versions=versions() | dict(setting.drawn_by),
-                display_report=setting.display_report,
+                versions=versions() | dict(setup.drawn_by),
+                display_report=setup.display_report,
                 gaze=info,
                 torn_file=recorder.torn_file,
             )
@@ -177,15 +147,6 @@ def _check_rate(display: Display, stage: Stage) -> None:
         )
 
 
-def texts_of(protocol: StudyProtocol, language: str) -> Texts:
-    """Return everything a participant reads; `StudyError` if the language is missing."""
-    try:
-        return protocol.text.languages[language]
-    except KeyError:
-        must = must_be_one_of("language:", language, protocol.text.languages)
-        raise StudyError(must) from None
-
-
 def _gaze_info(protocol: StudyProtocol, gaze: GazeSource | None) -> GazeInfo | None:
     mode = protocol.gaze.mode
     if mode == "none":
@@ -210,7 +171,7 @@ def _gaze_info(protocol: StudyProtocol, gaze: GazeSource | None) -> GazeInfo | N
     )
 
 
-def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:
+def _same_plan(setup: SessionSetup, recorder: Recorder) -> Plan:
     """Return the plan the session was begun with, or say what has changed since."""
     events = recorder.events
     if not events or not isinstance(events[0], SessionStart):
@@ -222,32 +183,32 @@ def _same_plan(setting: Setting, participant: str, recorder: Recorder) -> Plan:
     if isinstance(last, SessionEnd) and last.reason in {"completed", "consent-refused"}:
         raise StudyError(f"{recorder.path}: the session is over ({last.reason})")
     for what, now, then in (
-        ("protocol", setting.protocol.sha256, start.protocol_sha256),
-        ("manifest of the clips", setting.manifest.sha256, start.manifest_sha256),
-        ("display", sha256_json(setting.display), start.display_sha256),
+        ("protocol", setup.protocol.sha256, start.protocol_sha256),
+        ("manifest of the clips", setup.manifest.sha256, start.manifest_sha256),
+        ("display", sha256_json(setup.display), start.display_sha256),
     ):
         if now != then:
             raise StudyError(
                 f"{recorder.path}: the {what} must be the one the session began with (hash"
                 f" {then[:12]}, got {now[:12]}); restore it to continue"
             )
-    if start.simulated != setting.simulated:
+    if start.simulated != setup.simulated:
         raise StudyError(f"{recorder.path}: simulated and real sessions must not be mixed")
-    before = start.versions.get(_SIMULATION, setting.simulation)
-    if before != setting.simulation:
+    before = start.versions.get(_SIMULATION, setup.simulation)
+    if before != setup.simulation:
         raise StudyError(
             f"{recorder.path}: a simulated session must continue with the same observer"
-            f" ({before or 'none stated'}, got {setting.simulation or 'none stated'}); give the"
+            f" ({before or 'none stated'}, got {setup.simulation or 'none stated'}); give the"
             " same --seed and options, or another folder"
         )
-    plan = make_plan(setting.protocol, setting.manifest, participant, start.slot)
+    plan = make_plan(setup.protocol, setup.manifest, setup.participant, start.slot)
     if plan.sha256 != start.plan_sha256:
         raise StudyError(
             f"{recorder.path}: the plan must come out as it did (hash {start.plan_sha256[:12]},"
             f" got {plan.sha256[:12]}); resume with revision {start.revision}"
         )
     attempts = [event for event in events if isinstance(event, Attempt)]
-    for attempt, reason in contradictions(setting.protocol, plan, attempts):
+    for attempt, reason in contradictions(setup.protocol, plan, attempts):
         raise StudyError(
             f"{recorder.path}: line {attempt.n + 1}: {reason}; the journal was changed after it"
             " was written: restore it from a copy"

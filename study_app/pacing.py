@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+Pacing = Literal["vsync", "software"]
+"""Flips wait for the display, or for a timer in its place."""
 FlipKind = Literal["first", "on-time", "late", "missed", "doubled"]
 
 LATE_SHARE = 0.15

@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
 from typing import assert_never
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.manifest import Manifest
 from protocols.phases import ITI
 from protocols.plan import PlannedTrial
 from protocols.script import (
@@ -32,20 +29,20 @@ from protocols.script import (
     text_picture,
 )
 from protocols.script import Picture as Drawing
-from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import Texts
 from study_app.attempt import BLANK
 from study_app.clips import ClipStore, Names
 from study_app.desktop.draw import Painter
 from study_app.desktop.page_turner import NOTICE_S, PageTurner
-from study_app.desktop.strip import PATCH_PX, FlipMarks, patch_place
+from study_app.desktop.strip import PATCH_PX, patch_place
 from study_app.desktop.window import Window
 from study_app.live.in_trials import KeptPixels, LiveShow, SessionGaze, live_entries, live_entry
-from study_app.live.renderer import GazeState, Studio
+from study_app.live.renderer import GazeState
+from study_app.observers import ArtificialObserver, default_model
 from study_app.pages import PageLayout
 from study_app.paint import bitmaps_of, drawn
+from study_app.session_setup import SessionSetup
 from study_app.stage import FlipPicture, FlipReport, KeyPress, Page, PageResult
-from study_app.virtual import AskedQuestions, Observer
+from study_app.virtual import AskedQuestions
 
 _POLL_SHARE = 0.6
 """Share of a refresh in which keys are taken as they come while an answer is awaited."""
@@ -55,31 +52,6 @@ CLIP_PATIENCE_S = 60.0
 """Longest wait for the next frame of a disk that answers no more."""
 
 
-@dataclass(frozen=True)
-class PresenterSettings:
-    """Settings of a presenter: its refresh rate, and what it draws beside the trial and asks.
-
-    Parameters
-    ----------
-    refresh_hz : float
-        As measured.
-    extras : FlipMarks
-        Strip and patch.
-    observer : Observer, optional
-        Answers and turns pages in place of a person; real keys work as well.
-    studio : Studio, optional
-        Draws what follows the gaze.
-    on_prepare : callable, optional
-        Called with (trial, attempt) before each attempt.
-    """
-
-    refresh_hz: float
-    extras: FlipMarks = field(default_factory=FlipMarks)
-    observer: Observer | None = None
-    studio: Studio | None = None
-    on_prepare: Callable[[PlannedTrial, int], None] = lambda _t, _a: None
-
-
 class Presenter:
     """A `Stage` on a window.
 
@@ -87,16 +59,13 @@ class Presenter:
     ----------
     window : Window
         Open.
-    protocol : StudyProtocol
-        What is shown.
-    texts : Texts
-        In the participant's language.
-    manifest : Manifest
-        Of the clips.
-    stimuli : Path
-        Their folder.
-    asked : PresenterSettings
-        How they are shown.
+    setup : SessionSetup
+        What is shown, from which clips, and how. In a simulated session an artificial observer
+        answers and turns pages in place of a person; real keys work as well.
+    refresh_hz : float
+        As measured.
+    on_prepare : callable, optional
+        Called with (trial, attempt) before each attempt.
 
     Raises
     ------
@@ -107,22 +76,32 @@ class Presenter:
     def __init__(
         self,
         window: Window,
-        protocol: StudyProtocol,
-        texts: Texts,
-        manifest: Manifest,
-        stimuli: Path,
-        asked: PresenterSettings,
+        setup: SessionSetup,
+        refresh_hz: float,
+        on_prepare: Callable[[PlannedTrial, int], None] = lambda _t, _a: None,
     ) -> None:
+        protocol, texts, manifest = setup.protocol, setup.texts, setup.manifest
         self._window, self._protocol = window, protocol
-        self._refresh_hz, self._extras = asked.refresh_hz, asked.extras
-        self._observer, self._on_prepare = asked.observer, asked.on_prepare
+        self._refresh_hz, self._marks, self._on_prepare = refresh_hz, setup.marks, on_prepare
+        self._observer = (
+            ArtificialObserver(
+                default_model(protocol), protocol.response, setup.seed, setup.participant
+            )
+            if setup.simulated
+            else None
+        )
+        studio = None
+        if setup.studio is not None and protocol.stimuli.follows_gaze:
+            studio = setup.studio(window.ctx)
         display, background = window.display, round(255 * protocol.display.background)
         self._middle = display.width_px // 2, display.height_px // 2
         self._painter = Painter(window.ctx, window.size, background)
         self._pages = PageLayout(window.size, texts.key_names, background)
-        self._extras.check(example_scripts(protocol, display)[0])
-        self._store = ClipStore(window.ctx, stimuli, manifest, protocol.task.stimuli_per_trial)
-        self._live = LiveShow(self, display, manifest, asked.studio)
+        self._marks.check(example_scripts(protocol, display)[0])
+        self._store = ClipStore(
+            window.ctx, setup.stimuli, manifest, protocol.task.stimuli_per_trial
+        )
+        self._live = LiveShow(self, display, manifest, studio)
         self._live_pictures: dict[int, moderngl.Texture] = {}
         """As they were last drawn, by number of the trial's stimuli."""
         self._showing = FlipPicture(BLANK)
@@ -149,7 +128,7 @@ class Presenter:
             protocol.response.quit_keys,
             self._flip_and_load,
             self.key_presses,
-            asked.observer,
+            self._observer,
         )
 
     def __enter__(self) -> Presenter:
@@ -338,7 +317,7 @@ class Presenter:
 
     def _flip(self, draw: Callable[[], None]) -> FlipReport:
         draw()
-        if self._extras.strip:
+        if self._marks.strip:
             self._painter.strip(self._number)
         stamp = self._window.flip()
         shown = FlipReport(stamp.t_s, self._number, stamp.evidence)
@@ -368,7 +347,7 @@ class Presenter:
                     painter.fill((x + left, y + top), (width, height), entry.grey / 255)
                 case _:
                     assert_never(entry)
-        if self._extras.photodiode:
+        if self._marks.photodiode:
             painter.fill(patch_place(self._window.size), (PATCH_PX, PATCH_PX), light)
 
     def _pixels(self, number: int) -> NDArray[np.uint8]:
@@ -404,6 +383,6 @@ class Presenter:
         for phase in script.phases:
             for refreshes in (0, (phase.frames or 1) - 1):
                 self._draw(FlipPicture(phase, refreshes))
-        if self._extras.strip:
+        if self._marks.strip:
             self._painter.strip(self._number)
         self._painter.finish()

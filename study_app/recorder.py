@@ -18,7 +18,7 @@ from protocols.disk.hashing import sha256_bytes
 from protocols.disk.locks import held
 from protocols.disk.whole_file import sync_folder, write_new
 from protocols.errors import StudyError
-from protocols.journal import AnyEvent, SideFile
+from protocols.journal import AnyEvent, Note, SideFile
 from protocols.journal_file import JOURNAL_NAME, Journal, first_link, read_journal, sealed
 
 _APPENDING = (
@@ -169,6 +169,16 @@ class Recorder:
         self._length += len(line)
         self._chain = event.chain
         self.events.append(event)
+
+    def note(self, text: str, file: SideFile | None = None) -> None:
+        """Write down something that no other event says, with the file that holds more of it.
+
+        Raises
+        ------
+        DiskError
+            As `append`.
+        """
+        self.append(Note(**self.stamps(), text=text, file=file))
 
     def side_file(self, stem: str, suffix: str, data: bytes) -> SideFile:
         """Write a file beside the journal, whole and synced, under a name not yet taken.

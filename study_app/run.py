@@ -6,52 +6,43 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import replace
 from types import FrameType
 from typing import Any, TypeAlias
 
-import moderngl
-
 from pipeline.gl.context import describe
-from protocols.disk.locks import kept_for_session
-from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.journal import AnyEvent, Attempt, Note
 from protocols.journal_file import JOURNAL_NAME, read_journal
-from protocols.manifest import check_manifest, read_manifest
-from protocols.plan import PlannedTrial
+from protocols.manifest import check_manifest
+from protocols.plan import Plan, PlannedTrial
 from protocols.script import example_scripts
 from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.clips import check_files
-from study_app.conduct import RunOutcome, RunSettings, conduct
+from study_app.conduct import RunOutcome, conduct
 from study_app.desktop.display_check import (
     REHEARSAL_FLIPS,
     SESSION_FLIPS,
-    DisplayCheck,
     check_display,
     shortfall,
     write_report,
 )
-from study_app.desktop.strip import FlipMarks
-from study_app.desktop.window import Pacing, Window
-from study_app.gaze.gaze_check import Targets, TrackerCalibration
+from study_app.desktop.window import Window
+from study_app.gaze.gaze_check import Targets, TrackerCalibration, Validate
 from study_app.gaze.lsl import LslMarkers
-from study_app.gaze.open_source import check_choice, open_gaze
+from study_app.gaze.open_source import open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource, TrackerContext
-from study_app.gaze.validation import PointQuality, summarise, unfit_gaze, validate
+from study_app.gaze.validation import summarise, unfit_gaze, validate
 from study_app.live.in_trials import too_dear
-from study_app.live.renderer import Studio
-from study_app.observers import ArtificialObserver, default_model, rng_of
-from study_app.opening import Setting, begin, resume, texts_of
-from study_app.presenter import Presenter, PresenterSettings
-from study_app.recorder import utc_now
-from study_app.session_folders import require_unused, session_folder
+from study_app.observers import rng_of
+from study_app.opening import begin, resume
+from study_app.presenter import Presenter
+from study_app.recorder import Recorder
+from study_app.session_folders import require_unused
+from study_app.session_setup import SessionListener, SessionSetup
 from study_app.shown_texts import require_showable
 
-RecordedEvents = list[AnyEvent]
 if sys.platform == "win32":
     _TERMINAL_CLOSED = signal.SIGBREAK
 else:
@@ -59,157 +50,121 @@ else:
 Handler: TypeAlias = Callable[[int, FrameType | None], Any] | int | None
 
 
-@dataclass(frozen=True)
-class SessionOptions:
-    """Everything `session run` and `session resume` are asked for."""
+def run_session(
+    setup: SessionSetup, listener: SessionListener | None = None, *, resuming: bool = False
+) -> RunOutcome:
+    """Run a participant's session to its end, or until it is stopped.
 
-    protocol: StudyProtocol
-    display: Display
-    stimuli: Path
-    root: Path
-    participant: str
-    language: str | None = None
-    gaze: str | None = None
-    """``lsl:NAME``, ``mouse``, ``replay:FILE``; None: no source."""
-    pacing: Pacing = "vsync"
-    extras: FlipMarks = field(default_factory=FlipMarks)
-    markers: bool = False
-    validate: bool = True
-    """Validate the gaze source before each block; left out, the journal says so."""
-    simulate: bool = False
-    seed: int = 0
-    studio: Callable[[moderngl.Context], Studio] | None = None
-    """Makes what draws stimuli that follow the gaze."""
-
-
-@dataclass(frozen=True)
-class Listener:
-    """Told how a session goes."""
-
-    on_check: Callable[[DisplayCheck], None] = lambda _: None
-    on_validation: Callable[[list[PointQuality], CalibrationResult], None] = lambda _p, _r: None
-    on_attempt: Callable[[Attempt, RecordedEvents], None] = lambda _a, _e: None
-    on_note: Callable[[str], None] = lambda _: None
-
-
-def run_session(options: SessionOptions, listener: Listener | None = None) -> RunOutcome:
-    """Begin a participant's session and run it to its end, or until it is stopped.
+    Parameters
+    ----------
+    setup : SessionSetup
+        Whose clips are kept from builds meanwhile (`kept_for_session`).
+    resuming : bool
+        Go on with a session that stopped: same plan, same order.
 
     Raises
     ------
     StudyError
-        As `kept_for_session`, `begin`, `Window`, `check_display`, `ClipStore` and `conduct` say.
+        As `begin`, or `resume`, `Window`, `check_display`, `ClipStore` and `conduct` say.
     """
-    with kept_for_session(options.stimuli):
-        return _run_session(options, listener or Listener(), resuming=False)
-
-
-def resume_session(options: SessionOptions, listener: Listener | None = None) -> RunOutcome:
-    """Go on with a session that stopped: same plan, same order.
-
-    Raises
-    ------
-    StudyError
-        As `run_session`, and as `resume` says.
-    """
-    with kept_for_session(options.stimuli):
-        return _run_session(options, listener or Listener(), resuming=True)
-
-
-def _run_session(options: SessionOptions, listener: Listener, *, resuming: bool) -> RunOutcome:
-    protocol, display = options.protocol, options.display
-    # All that can be refused without a window is refused before one covers the screen.
-    check_choice(protocol.gaze, options.gaze, simulate=options.simulate)
-    manifest = read_manifest(options.stimuli)
-    check_manifest(protocol, manifest)
-    language = _language(options, resuming=resuming)
-    texts = texts_of(protocol, language)
-    require_showable(protocol, display, manifest, language)
-    check_files(options.stimuli, manifest)
-    options.extras.check(example_scripts(protocol, display)[0])
-    if (options.gaze or "").startswith("replay") and not options.simulate:
-        raise StudyError("--gaze: a recording is no participant: replay needs --simulate")
-    # Early, so that recorders find the stream before the first trial.
-    mark = LslMarkers(options.participant) if options.markers else lambda _text, _t_s: None
+    setup, listener = _fit_to_open(setup, resuming=resuming), listener or SessionListener()
+    if setup.markers:  # early, so that recorders find the stream before the first trial
+        listener = replace(listener, on_mark=LslMarkers(setup.participant))
     with ExitStack() as stack:
-        window = stack.enter_context(Window(display, pacing=options.pacing))
-        flips = SESSION_FLIPS if options.pacing == "vsync" else REHEARSAL_FLIPS
-        check = check_display(window, utc_now, flips)
+        opened = _OpenSession(setup, listener, stack)
+        recorder, plan = opened.begin(resuming=resuming)
+        validation = opened.validation(recorder)
+        with recorder, _signals_quit(opened.window, setup.protocol):
+            return conduct(
+                opened.setup, plan, recorder, opened.presenter, opened.gaze, listener, validation
+            )
+
+
+def _fit_to_open(setup: SessionSetup, *, resuming: bool) -> SessionSetup:
+    """Return a setup in its language, of which no part can be refused without a window."""
+    protocol, display, manifest = setup.protocol, setup.display, setup.manifest
+    check_manifest(protocol, manifest)
+    folder = setup.folder
+    if resuming:
+        journal = read_journal(folder / JOURNAL_NAME, lenient=True)
+        setup = replace(setup, language=journal.start.language)
+    else:
+        require_unused(folder)
+    _ = setup.texts  # refused in a language that is missing
+    require_showable(protocol, display, manifest, setup.spoken)
+    check_files(setup.stimuli, manifest)
+    setup.marks.check(example_scripts(protocol, display)[0])
+    if (setup.gaze or "").startswith("replay") and not setup.simulated:
+        raise StudyError("--gaze: a recording is no participant: replay needs --simulate")
+    return setup
+
+
+class _OpenSession:
+    """Window, presenter and gaze source of a session: open until `stack` is closed.
+
+    Attributes
+    ----------
+    setup : SessionSetup
+        As it was given, with what was measured of the display.
+    """
+
+    def __init__(self, setup: SessionSetup, listener: SessionListener, stack: ExitStack) -> None:
+        protocol = setup.protocol
+        window = stack.enter_context(Window(setup.display, pacing=setup.pacing))
+        flips = SESSION_FLIPS if setup.pacing == "vsync" else REHEARSAL_FLIPS
+        check = check_display(window, setup.wall_clock, flips)
         late = shortfall(check)
         if late and check.intervals.missed > protocol.trial.dropped_frames_max:
             raise StudyError(late)
         listener.on_check(check)
-        targets = Targets()
-        gaze = _gaze(options, window, check.measured_hz, targets)
-        if gaze is not None:
-            stack.callback(gaze.close)
-        follows = protocol.stimuli.follows_gaze
-        studio = options.studio(window.ctx) if options.studio is not None and follows else None
-        presenter = stack.enter_context(
-            Presenter(
-                window,
-                protocol,
-                texts,
-                manifest,
-                options.stimuli,
-                PresenterSettings(
-                    check.measured_hz,
-                    options.extras,
-                    _observer(options),
-                    studio,
-                    _restart(options, gaze),
-                ),
-            )
+        self.window, self._listener, self._targets = window, listener, Targets()
+        self.gaze = _gaze(setup, window, check.measured_hz, self._targets)
+        if self.gaze is not None:
+            stack.callback(self.gaze.close)
+        self.presenter = stack.enter_context(
+            Presenter(window, setup, check.measured_hz, _restart(setup, self.gaze))
         )
-        targets.show = presenter.look_at
+        self._targets.show = self.presenter.look_at
         drawn_by = describe(window.ctx)
-        notes = [require_live(presenter, options, drawn_by.name)] if follows else []
+        follows = protocol.stimuli.follows_gaze
+        self._notes = [require_live(self.presenter, setup, drawn_by.name)] if follows else []
         if over := window.lies_under():
-            notes.append(
+            self._notes.append(
                 f"over the window before the session began, and not held against it: {over}"
             )
         if window.unnoticed:
-            notes.append(window.unnoticed)
-        setting = Setting(
-            protocol=protocol,
-            display=display,
-            manifest=manifest,
-            root=options.root,
-            wall_clock=utc_now,
-            simulated=options.simulate,
-            display_report=write_report(options.root, check),
+            self._notes.append(window.unnoticed)
+        self.setup = replace(
+            setup,
+            display_report=write_report(setup.root, check),
             timing_evidence=check.evidence,
             drawn_by={"renderer": drawn_by.name, "opengl": drawn_by.version},
         )
-        if resuming:
-            recorder, plan = resume(setting, options.participant, presenter, gaze)
-        else:
-            recorder, plan = begin(setting, options.participant, language, presenter, gaze)
-        for note in (*notes, *(() if gaze is None else gaze.info().notes)):
-            listener.on_note(note)
-            recorder.append(Note(**recorder.stamps(), text=note))
-        validated = None
-        if gaze is not None and options.validate:
-            calibrate = TrackerCalibration(
-                gaze, targets, protocol.gaze, Viewing.of(display), recorder
-            )
-            validated = _validation(display, gaze, presenter, listener, calibrate)
-        elif gaze is not None:
-            recorder.append(Note(**recorder.stamps(), text="gaze was not validated"))
-        with recorder, _signals_quit(window, protocol):
-            return conduct(
-                setting,
-                plan,
-                recorder,
-                presenter,
-                gaze,
-                RunSettings(
-                    lambda attempt: listener.on_attempt(attempt, recorder.events), mark, validated
-                ),
-            )
+
+    def begin(self, *, resuming: bool) -> tuple[Recorder, Plan]:
+        """Begin the journal, or go on with it, and note what was found while opening."""
+        opens = resume if resuming else begin
+        recorder, plan = opens(self.setup, self.presenter, self.gaze)
+        for note in (*self._notes, *(() if self.gaze is None else self.gaze.info().notes)):
+            self._listener.on_note(note)
+            recorder.note(note)
+        return recorder, plan
+
+    def validation(self, recorder: Recorder) -> Validate | None:
+        """Return the validation of the gaze source; None, and a note, where there is none."""
+        if self.gaze is None:
+            return None
+        if not self.setup.validate:
+            recorder.note("gaze was not validated")
+            return None
+        viewing = Viewing.of(self.setup.display)
+        calibrate = TrackerCalibration(
+            self.gaze, self._targets, self.setup.protocol.gaze, viewing, recorder
+        )
+        return _validation(viewing, self.gaze, self.presenter, self._listener, calibrate)
 
 
-def require_live(presenter: Presenter, options: SessionOptions, renderer: str) -> str:
+def require_live(presenter: Presenter, setup: SessionSetup, renderer: str) -> str:
     """Refuse live pictures where a refresh is too short for them, but in rehearsals.
 
     Returns
@@ -218,45 +173,26 @@ def require_live(presenter: Presenter, options: SessionOptions, renderer: str) -
         What was measured.
     """
     taken_s, method = presenter.dearest_live_s()
-    error = too_dear(options.display, taken_s, method, renderer)
-    if error is not None and options.pacing == "vsync":
+    error = too_dear(setup.display, taken_s, method, renderer)
+    if error is not None and setup.pacing == "vsync":
         raise error
     said = f"live frames: the dearest, of {method}, took {1000 * taken_s:.1f} ms"
     return said if error is None else f"{said}: too long for a refresh, but this is a rehearsal"
 
 
-def _language(options: SessionOptions, *, resuming: bool) -> str:
-    protocol = options.protocol
-    folder = session_folder(options.root, protocol, options.participant)
-    if not resuming:
-        require_unused(folder)
-        given = options.language
-        return protocol.text.default_language if given is None else given
-    return read_journal(folder / JOURNAL_NAME, lenient=True).start.language
-
-
-def _observer(options: SessionOptions) -> ArtificialObserver | None:
-    if not options.simulate:
-        return None
-    protocol = options.protocol
-    return ArtificialObserver(
-        default_model(protocol), protocol.response, options.seed, options.participant
-    )
-
-
 def _gaze(
-    options: SessionOptions, window: Window, refresh_hz: float, targets: Targets
+    setup: SessionSetup, window: Window, refresh_hz: float, targets: Targets
 ) -> GazeSource | None:
-    protocol, display = options.protocol, options.display
+    protocol, display = setup.protocol, setup.display
     if protocol.gaze.mode == "none":
         return None
-    if options.gaze is None:
+    if setup.gaze is None:
         dot = (protocol.trial.fixation_x_deg, protocol.trial.fixation_y_deg)
         return SimulatedGaze(window.now, Viewing.of(display), dot, behaviour=HUMAN)
-    if options.gaze.startswith("mouse"):
+    if setup.gaze.startswith("mouse"):
         window.show_cursor(True, stays=True)
     return open_gaze(
-        options.gaze,
+        setup.gaze,
         TrackerContext(
             display,
             window.now,
@@ -268,28 +204,24 @@ def _gaze(
     )
 
 
-def _restart(
-    options: SessionOptions, gaze: GazeSource | None
-) -> Callable[[PlannedTrial, int], None]:
+def _restart(setup: SessionSetup, gaze: GazeSource | None) -> Callable[[PlannedTrial, int], None]:
     """Return the action before each attempt: an artificial eye begins anew."""
 
     def restart(trial: PlannedTrial, attempt: int) -> None:
         if isinstance(gaze, SimulatedGaze):
-            rng = rng_of(options.seed, "attempt", options.participant, trial.id, attempt)
+            rng = rng_of(setup.seed, "attempt", setup.participant, trial.id, attempt)
             gaze.restart(int(rng.integers(2**63)))
 
     return restart
 
 
 def _validation(
-    display: Display,
+    viewing: Viewing,
     gaze: GazeSource,
     presenter: Presenter,
-    listener: Listener,
+    listener: SessionListener,
     calibrated: TrackerCalibration,
 ) -> Callable[[], CalibrationResult | None]:
-    viewing = Viewing.of(display)
-
     def on_target(target_px: tuple[float, float]) -> None:
         if isinstance(gaze, SimulatedGaze):
             gaze.look_at(viewing.to_deg(*target_px))

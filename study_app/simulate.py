@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -18,15 +18,15 @@ from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.journal import Attempt
 from protocols.manifest import Manifest
-from protocols.plan import Plan, PlannedTrial
+from protocols.plan import PlannedTrial
 from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
-from study_app.conduct import RunOutcome, RunSettings, conduct
+from study_app.conduct import RunOutcome, conduct
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
 from study_app.observers import ArtificialObserver, ObserverModel, default_model, rng_of
-from study_app.opening import Setting, begin, resume
-from study_app.recorder import Recorder
+from study_app.opening import begin, resume
 from study_app.session_folders import find_sessions, is_stillborn
+from study_app.session_setup import SessionListener, SessionSetup
 from study_app.shown_texts import require_showable
 from study_app.virtual import Fault, VirtualClock, VirtualStage
 
@@ -66,13 +66,17 @@ class SimulatedStudy:
         ]  # fmt: skip
         return f"seed {self.seed}, observers {sha256_json(options)[:12]}"
 
-    def setting(self, root: Path, clock: VirtualClock) -> Setting:
-        """Return the setting of a session below `root`."""
-        return Setting(
+    def setup(
+        self, root: Path, clock: VirtualClock, participant: str, language: str | None = None
+    ) -> SessionSetup:
+        """Return the setup of a session below `root`."""
+        return SessionSetup(
             protocol=self.protocol,
             display=self.display,
             manifest=self.shown,
             root=root,
+            participant=participant,
+            language=language,
             wall_clock=clock.wall,
             simulated=True,
             timing_evidence="virtual",
@@ -150,29 +154,17 @@ def simulate_session(
     StudyError
         As `begin` and `resume` say.
     """
-    protocol = simulation.protocol
     clock = VirtualClock()
-    setting = simulation.setting(root, clock)
+    setup = simulation.setup(root, clock, participant, language)
+    setup = replace(setup, late_most=sys.maxsize)  # what is missed was asked for
     stage, gaze = _stage(simulation, participant, clock)
-    folder = root / protocol.study.name / participant
-    recorder: Recorder
-    plan: Plan
-    if folder.exists() and not is_stillborn(folder):
-        recorder, plan = resume(setting, participant, stage, gaze)
-    else:
-        spoken = protocol.text.default_language if language is None else language
-        recorder, plan = begin(setting, participant, spoken, stage, gaze)
+    folder = root / simulation.protocol.study.name / participant
+    goes_on = folder.exists() and not is_stillborn(folder)
+    recorder, plan = (resume if goes_on else begin)(setup, stage, gaze)
     recorder.waits_for_disk = False  # it can be simulated anew
+    listener = SessionListener(on_attempt=lambda attempt, _: on_attempt(attempt))
     with recorder:
-        return conduct(
-            setting,
-            plan,
-            recorder,
-            stage,
-            gaze,
-            # What is missed was asked for.
-            RunSettings(on_attempt, late_most=sys.maxsize),
-        )
+        return conduct(setup, plan, recorder, stage, gaze, listener)
 
 
 def _stage(

@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, Any, Literal, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import glfw
 import moderngl
@@ -38,9 +38,9 @@ from study_app.desktop.monitor import (
     window_system,
 )
 from study_app.desktop.vsync import Evidence, SyncValues
+from study_app.pacing import Pacing
 from study_app.stage import KeyPress
 
-Pacing = Literal["vsync", "software"]
 _NO_KEYBOARD = "another window took the keyboard"
 _SETTLE_S = 5.0
 """Longest time that a window manager may take to make the window cover the screen."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from protocols.errors import StudyError
-from protocols.journal import Calibration, Note
+from protocols.journal import Calibration
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import Gaze
 from protocols.viewing import Viewing
@@ -64,17 +64,16 @@ class TrackerCalibration:
         drift_deg = self.gaze.check_drift(middle_px) if self.fit else None
         if drift_deg is not None:
             found = f"{drift_deg:.2f} deg" if math.isfinite(drift_deg) else "no fixation"
-            self._note(f"gaze: the tracker's drift check found {found}")
+            self.recorder.note(f"gaze: the tracker's drift check found {found}")
         if not self.fit or (drift_deg or 0.0) > self.rules.accuracy_max_deg:
             own = None if self.targets.quit else self.gaze.calibrate(nine_points_px(self.viewing))
             if own is not None:
                 error = f"{own.accuracy_deg:.2f} deg at " if own.points else ""
-                self._note(f"gaze: the tracker's own calibration: {error}{own.points} valid points")
+                self.recorder.note(
+                    f"gaze: the tracker's own calibration: {error}{own.points} valid points"
+                )
         stopped, self.targets.quit = self.targets.quit, False
         return not stopped
-
-    def _note(self, text: str) -> None:
-        self.recorder.append(Note(**self.recorder.stamps(), text=text))
 
 
 class GazeCheck:
@@ -112,7 +111,7 @@ class GazeCheck:
             if not complaint:
                 self._passed = block
                 return True
-            self._recorder.append(Note(**self._recorder.stamps(), text=complaint))
+            self._recorder.note(complaint)
             if not tries_left or not self._again(complaint):
                 raise StudyError(complaint)
         raise AssertionError("the last validation passes or raises")

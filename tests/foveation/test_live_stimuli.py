@@ -40,7 +40,7 @@ from study_app.attempt import GazeWatcher
 from study_app.cli import app
 from study_app.cli.pictures.foveate import track_of
 from study_app.cli.pictures.live_renderer import FoveatingStudio
-from study_app.conduct import RunSettings, conduct
+from study_app.conduct import conduct
 from study_app.gaze.open_source import ReplaySource, recorded
 from study_app.gaze.saccades import SUPPRESSED_AFTER_S, SaccadeWatch
 from study_app.gaze.simulated import STEADY, GazeEvent, SimulatedGaze
@@ -51,9 +51,10 @@ from study_app.live.loop import SPARE_SHARE, LiveLoop
 from study_app.live.redraw import TrialDrawer
 from study_app.live.renderer import STEPS_PER_PX, LiveView
 from study_app.observers import ArtificialObserver, default_model
-from study_app.opening import Setting, begin
-from study_app.run import SessionOptions, require_live
+from study_app.opening import begin
+from study_app.run import require_live
 from study_app.session_folders import SessionFolder
+from study_app.session_setup import SessionSetup
 from study_app.simulate import SimulatedStudy, simulate_study
 from study_app.virtual import VirtualClock, VirtualStage
 
@@ -130,14 +131,15 @@ def sit(study, display, root, studio, *, gaze_of=None, pixels=pixels_of, stage=V
         if gaze_of is not None
         else SimulatedGaze(clock, Viewing.of(display), (0, 0), behaviour=STEADY)
     )
-    setting = Setting(
-        study, display, manifest, root, clock.wall, simulated=True, timing_evidence="virtual",
+    setup = SessionSetup(
+        study, display, manifest, root, "P01", "en", wall_clock=clock.wall, simulated=True,
+        late_most=sys.maxsize, timing_evidence="virtual",
         drawn_by=DRAWN_BY,
     )  # fmt: skip
-    recorder, plan = begin(setting, "P01", "en", made, gaze)
+    recorder, plan = begin(setup, made, gaze)
     recorder.waits_for_disk = False
     with recorder:
-        conduct(setting, plan, recorder, made, gaze, RunSettings(late_most=sys.maxsize))
+        conduct(setup, plan, recorder, made, gaze)
     made._live.release()
     return recorder.folder, made
 
@@ -626,10 +628,11 @@ def test_a_session_is_refused_where_its_frames_do_not_fit_and_a_rehearsal_says_s
         def dearest_live_s(self):
             return 0.040, "metamer"
 
-    options = SessionOptions(study, display, Path(), Path(), "P01")
+    manifest = virtual_manifest(study, display)
+    setup = SessionSetup(study, display, manifest, Path(), "P01")
     with pytest.raises(StudyError, match="a frame of 'metamer' must be drawn in"):
-        require_live(Slow(), options, "a card")
-    rehearsal = dataclasses.replace(options, pacing="software")
+        require_live(Slow(), setup, "a card")
+    rehearsal = dataclasses.replace(setup, pacing="software")
     assert "took 40.0 ms: too long for a refresh" in require_live(Slow(), rehearsal, "a card")
 
 

@@ -13,7 +13,7 @@ from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
 from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
-from study_app.conduct import RunSettings, conduct
+from study_app.conduct import conduct
 from study_app.gaze.gaze_check import Targets, TrackerCalibration
 from study_app.gaze.source import TrackerContext
 from study_app.gaze.trusted import TrustedGaze
@@ -164,8 +164,8 @@ def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **
     gaze = TrustedGaze(make(desk), clock)
     gaze.open()
     observer.tracker = eye, gaze, clock
-    setting = SimulatedStudy(study, FHD).setting(folder, clock)
-    recorder, plan = begin(setting, "S001", "en", stage, gaze)
+    setup = SimulatedStudy(study, FHD).setup(folder, clock, "S001")
+    recorder, plan = begin(setup, stage, gaze)
     calibrated = TrackerCalibration(gaze, targets, study.gaze, VIEWING, recorder)
     asked = []
 
@@ -180,12 +180,12 @@ def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **
     try:
         with recorder:
             conduct(
-                setting,
+                setup,
                 plan,
                 recorder,
                 stage,
                 gaze,
-                RunSettings(validate=validation if validates else None),
+                validate=validation if validates else None,
             )
     finally:
         gaze.close()

@@ -262,7 +262,8 @@ from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import chosen, make_plan
 from protocols.script import trial_script
-from study_app.presenter import Presenter, PresenterSettings
+from study_app.presenter import Presenter
+from study_app.session_setup import SessionSetup
 from study_app.stage import FlipPicture
 from study_app.desktop.window import Window
 
@@ -280,8 +281,8 @@ def picture():
 
 shots = []
 with Window(display, pacing="software") as window:
-    with Presenter(window, study, study.text.languages["en"], manifest, folder / "clips",
-                   PresenterSettings(60.0)) as presenter:
+    setup = SessionSetup(study, display, manifest, folder, "P0", "en", folder / "clips")
+    with Presenter(window, setup, 60.0) as presenter:
         presenter.prepare(trial, script, 1)
         for phase in script.phases:
             for told in (None, *phase.follows.values()):

@@ -13,7 +13,8 @@ from protocols.load import load_study
 from protocols.phases import Optotype
 from protocols.script import ScriptPhase, landolt_ring
 from study_app.paint import ring_image
-from study_app.presenter import Presenter, PresenterSettings
+from study_app.presenter import Presenter
+from study_app.session_setup import SessionSetup
 from study_app.stage import FlipPicture
 
 
@@ -26,9 +27,8 @@ def test_a_phase_with_an_optotype_shows_the_ring_and_nothing_else(gl_context, tm
     screen.use()
     window = SimpleNamespace(ctx=gl_context, size=size, display=display, now=lambda: 0.0)
     manifest = virtual_manifest(study, display)
-    presenter = Presenter(
-        window, study, study.text.languages["en"], manifest, tmp_path, PresenterSettings(60.0)
-    )
+    setup = SessionSetup(study, display, manifest, tmp_path, "P01", stimuli=tmp_path)
+    presenter = Presenter(window, setup, 60.0)
     ring = Optotype(gap_deg, height_deg=1.25, x_deg=5.0, y_deg=-3.0)
 
     picture = landolt_ring(ring, display)

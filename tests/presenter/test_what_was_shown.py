@@ -111,9 +111,9 @@ from protocols.load import load_display, load_protocol
 from protocols.manifest import read_manifest
 from protocols.feasibility import virtual_manifest
 from protocols.plan import make_plan
-from study_app.opening import texts_of
 from study_app.desktop.strip import FlipMarks
-from study_app.presenter import Presenter, PresenterSettings
+from study_app.presenter import Presenter
+from study_app.session_setup import SessionSetup
 from study_app.stage import FlipPicture
 from protocols.script import trial_script
 from study_app.desktop.window import Window
@@ -134,8 +134,9 @@ phase = {phase.name: phase for phase in script.phases}
 per_frame = round(60.0 / protocol.stimuli.frame_hz)
 shots = {}
 with Window(display, pacing="software") as window:
-    with Presenter(window, protocol, texts_of(protocol, "en"), manifest, folder / "clips",
-                   PresenterSettings(60.0, FlipMarks(photodiode="patch" in sys.argv))) as presenter:
+    setup = SessionSetup(protocol, display, manifest, folder, "P01", "en", folder / "clips",
+                         marks=FlipMarks(photodiode="patch" in sys.argv))
+    with Presenter(window, setup, 60.0) as presenter:
         presenter.prepare(plan.trials[0], script, 1)
         for name, shown in {
             "fixate": FlipPicture(phase["fixate"]),

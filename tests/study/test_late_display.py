@@ -21,7 +21,7 @@ from protocols.manifest import write_manifest
 from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.cli import app
-from study_app.conduct import LATE_MOST, conduct
+from study_app.conduct import conduct
 from study_app.desktop.display_check import check_display, shortfall
 from study_app.desktop.window import FlipStamp
 from study_app.gaze.fixation import FixationMonitor
@@ -30,6 +30,7 @@ from study_app.gaze.source import GazeSample, SourceInfo
 from study_app.gaze.trusted import TrustedGaze
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin, resume
+from study_app.session_setup import LATE_MOST
 from study_app.simulate import SimulatedStudy
 from study_app.trial import GazeVerdict
 from study_app.virtual import EPOCH, Fault, VirtualClock, VirtualStage
@@ -67,14 +68,13 @@ class Session:
         )
         dot_px = VIEWING.to_px(0.0, 0.0)
         self.gaze = TrustedGaze(of(lambda: dot_px, self.clock, 144.0), self.clock)
-        self.setting = SimulatedStudy(study, FAST).setting(folder, self.clock)
+        self.setup = SimulatedStudy(study, FAST).setup(folder, self.clock, "S001")
         self.path = folder / "demo" / "S001" / "journal.jsonl"
 
     def run(self, open_=begin):
-        arguments = ("en",) if open_ is begin else ()
-        recorder, plan = open_(self.setting, "S001", *arguments, self.stage, self.gaze)
+        recorder, plan = open_(self.setup, self.stage, self.gaze)
         with recorder:
-            return conduct(self.setting, plan, recorder, self.stage, self.gaze)
+            return conduct(self.setup, plan, recorder, self.stage, self.gaze)
 
     def stopped(self, open_=begin) -> str:
         with pytest.raises(StudyError, match="the display cannot keep up") as caught:

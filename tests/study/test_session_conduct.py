@@ -165,10 +165,10 @@ def test_pages_name_the_keys_and_count_the_blocks(tmp_path):
 
     clock = VirtualClock()
     stage = VirtualStage(clock, 60.0, Reader(PreferenceModel(), protocol.response, 0, "S001"))
-    setting = simulation(protocol).setting(tmp_path, clock)
-    recorder, plan = begin(setting, "S001", "en", stage, None)
+    setup = simulation(protocol).setup(tmp_path, clock, "S001")
+    recorder, plan = begin(setup, stage, None)
     with recorder:
-        conduct(setting, plan, recorder, stage, None)
+        conduct(setup, plan, recorder, stage, None)
 
     assert [name for name, _ in pages] == [
         "consent", "instructions", "practice", "start", "break", "break",
@@ -367,10 +367,10 @@ def test_200_planted_faults_are_in_the_flip_log_at_their_flips(tmp_path, refresh
     clock = VirtualClock()
     observer = ArtificialObserver(PreferenceModel(), patient.response, 0, "S001")
     stage = VirtualStage(clock, refresh_hz, observer, on_prepare=faults)
-    setting = SimulatedStudy(patient, display).setting(tmp_path, clock)
-    recorder, plan = begin(setting, "S001", "en", stage, None)
+    setup = SimulatedStudy(patient, display).setup(tmp_path, clock, "S001")
+    recorder, plan = begin(setup, stage, None)
     with recorder:
-        conduct(setting, plan, recorder, stage, None)
+        conduct(setup, plan, recorder, stage, None)
 
     assert sum(map(len, planted.values())) >= 200
     for attempt in journal_of(tmp_path).attempts:
@@ -592,7 +592,7 @@ def test_killed_sessions_lose_nothing_double_nothing_and_keep_their_order(tmp_pa
 def test_a_session_that_was_quit_goes_on_where_it_stopped(tmp_path):
     sim = simulation()
     clock = VirtualClock()
-    setting = sim.setting(tmp_path, clock)
+    setup = sim.setup(tmp_path, clock, "S001")
 
     class Tired(ArtificialObserver):
         """Presses the quit key during the sixth trial, and means it when asked."""
@@ -610,19 +610,19 @@ def test_a_session_that_was_quit_goes_on_where_it_stopped(tmp_path):
             return super().turn_page(page)
 
     plain = dataclasses.replace(sim, protocol=changed(SHORT, gaze={"mode": "none"}))
-    setting = plain.setting(tmp_path, clock)
+    setup = plain.setup(tmp_path, clock, "S001")
     observer = Tired(PreferenceModel(), SHORT.response, 0, "S001")
     stage = VirtualStage(clock, 60.0, observer)
-    recorder, plan = begin(setting, "S001", "en", stage, None)
+    recorder, plan = begin(setup, stage, None)
     with recorder:
-        outcome = conduct(setting, plan, recorder, stage, None)
+        outcome = conduct(setup, plan, recorder, stage, None)
     assert outcome.reason == "quit"
     assert journal_of(tmp_path).attempts[-1].void_reason == "quit"
     assert find_sessions(tmp_path)[0].state == "stopped"
 
-    recorder, plan = resume(setting, "S001", stage, None)
+    recorder, plan = resume(setup, stage, None)
     with recorder:
-        outcome = conduct(setting, plan, recorder, stage, None)
+        outcome = conduct(setup, plan, recorder, stage, None)
     journal = journal_of(tmp_path)
     assert outcome.main_done == 24
     assert sum(isinstance(event, SessionResume) for event in journal.events) == 1
@@ -642,10 +642,10 @@ def test_the_pause_key_voids_rests_and_goes_on(tmp_path):
             return ("p", 0.1) if self.trials == 3 else super().answer(trial, attempt)
 
     stage = VirtualStage(clock, 60.0, Thirsty(PreferenceModel(), SHORT.response, 0, "S001"))
-    setting = sim.setting(tmp_path, clock)
-    recorder, plan = begin(setting, "S001", "de", stage, None)
+    setup = sim.setup(tmp_path, clock, "S001", "de")
+    recorder, plan = begin(setup, stage, None)
     with recorder:
-        assert conduct(setting, plan, recorder, stage, None).main_done == 24
+        assert conduct(setup, plan, recorder, stage, None).main_done == 24
     events = journal_of(tmp_path).events
     paused = next(i for i, event in enumerate(events) if isinstance(event, Pause))
     assert events[paused - 1].void_reason == "paused"
@@ -661,14 +661,14 @@ def test_refused_consent_ends_the_session_and_frees_the_slot(tmp_path):
             return PageResult("escape", "", 1.0)
 
     stage = VirtualStage(clock, 60.0, Unwilling(PreferenceModel(), SHORT.response, 0, "S001"))
-    setting = sim.setting(tmp_path, clock)
-    recorder, plan = begin(setting, "S001", "en", stage, None)
+    setup = sim.setup(tmp_path, clock, "S001")
+    recorder, plan = begin(setup, stage, None)
     with recorder:
-        assert conduct(setting, plan, recorder, stage, None).reason == "consent-refused"
+        assert conduct(setup, plan, recorder, stage, None).reason == "consent-refused"
     assert not journal_of(tmp_path).attempts
     assert next_slot(tmp_path, "demo") == 0
     with pytest.raises(StudyError, match=r"the session is over \(consent-refused\)"):
-        resume(setting, "S001", stage, None)
+        resume(setup, stage, None)
 
 
 # --- slots, codes, mistakes ----------------------------------------------------------------
@@ -704,7 +704,7 @@ def start(
         true_hz or display.refresh_hz,
         ArtificialObserver(PreferenceModel(), protocol.response, 0, "S"),
     )
-    recorder, _ = begin(sim.setting(tmp_path, clock), participant, language, stage, None)
+    recorder, _ = begin(sim.setup(tmp_path, clock, participant, language), stage, None)
     recorder.close()
 
 
@@ -808,7 +808,7 @@ def test_a_resumed_session_must_be_what_it_was(tmp_path):
     stage = VirtualStage(start_clock, 60.0, observer)
 
     def again(what):
-        resume(what.setting(tmp_path, start_clock), "P1", stage, None)[0].close()
+        resume(what.setup(tmp_path, start_clock, "P1"), stage, None)[0].close()
 
     with pytest.raises(StudyError, match="the protocol must be the one the session began with"):
         again(simulation(changed(NO_GAZE, trial={"iti_s": 0.2})))
@@ -817,14 +817,14 @@ def test_a_resumed_session_must_be_what_it_was(tmp_path):
         again(simulation(NO_GAZE, manifest=manifest))
     with pytest.raises(StudyError, match="the display must be the one"):
         again(dataclasses.replace(sim, display=FHD.model_copy(update={"distance_mm": 701.0})))
-    real = dataclasses.replace(sim.setting(tmp_path, start_clock), simulated=False)
+    real = dataclasses.replace(sim.setup(tmp_path, start_clock, "P1"), simulated=False)
     with pytest.raises(StudyError, match="simulated and real sessions must not be mixed"):
-        resume(real, "P1", stage, None)
+        resume(real, stage, None)
     before = journal_of(tmp_path, "P1").events
     again(sim)
     assert journal_of(tmp_path, "P1").events[:-1] == before
     with pytest.raises(StudyError, match="there is no journal"):
-        resume(sim.setting(tmp_path, start_clock), "P2", stage, None)
+        resume(sim.setup(tmp_path, start_clock, "P2"), stage, None)
 
 
 def test_a_full_disk_stops_the_session_at_its_last_complete_trial(tmp_path, monkeypatch):

@@ -60,12 +60,11 @@ def session(tmp_path):
     simulation = SimulatedStudy(study, display)
     observer = Patient(default_model(study), study.response, 0, "S001")
     stage = Disturbed(clock, display.refresh_hz, observer)
-    setting = simulation.setting(tmp_path, clock)
+    setup = simulation.setup(tmp_path, clock, "S001")
 
     def run(open_=begin, **how):
-        words = ("en",) if open_ is begin else ()
-        asked = dataclasses.replace(setting, **how)
-        recorder, plan = open_(asked, "S001", *words, stage, None)
+        asked = dataclasses.replace(setup, **how)
+        recorder, plan = open_(asked, stage, None)
         with recorder:
             return conduct(asked, plan, recorder, stage, None)
 

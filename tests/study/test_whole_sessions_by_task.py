@@ -52,7 +52,7 @@ class Learner(ObserverModel):
 
 def sit(study, display, root, code):
     """Run a session on the virtual stage; return its journal, its pages and its pictures."""
-    setting = SimulatedStudy(study, display).setting(root, clock := VirtualClock())
+    setup = SimulatedStudy(study, display).setup(root, clock := VirtualClock(), code)
     pages = []
 
     class Reader(ArtificialObserver):
@@ -63,9 +63,9 @@ def sit(study, display, root, code):
     observer = Reader(Learner(), study.response, 0, code)
     stage = VirtualStage(clock, display.refresh_hz, observer)
     stage.pictures = []
-    recorder, plan = begin(setting, code, "en", stage, None)
+    recorder, plan = begin(setup, stage, None)
     with recorder:
-        outcome = conduct(setting, plan, recorder, stage, None)
+        outcome = conduct(setup, plan, recorder, stage, None)
     assert outcome.reason == "completed"
     journal = read_journal(root / study.study.name / code / "journal.jsonl")
     return journal, pages, [picture for _, picture in stage.pictures]

@@ -31,13 +31,14 @@ if TYPE_CHECKING:
     from protocols.recipes.base import Change
     from stimuli.foveated.any_picture import PictureReading
     from study_app.cli.pictures.live_renderer import FoveatingRenderer
-    from study_app.desktop.window import Pacing, Window
+    from study_app.desktop.window import Window
     from study_app.gaze.source import GazeSample
     from study_app.gaze.trusted import TrustedGaze
     from study_app.live.log import LiveLog
     from study_app.live.loop import DrawnFlip, LiveLoop
     from study_app.live.renderer import LiveView
     from study_app.live.screen import WindowScreen
+    from study_app.pacing import Pacing
 
 KEYS = "m: method, l: law, s: seed, o: overlay, escape: end"
 _LAWS = ("v1", "v2", "authors")

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from protocols.disk.locks import kept_for_session
 from protocols.errors import StudyError, count_of
 from protocols.journal import AnyEvent, Attempt
 from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.latency import LatencySummary
 from protocols.load import load_display, load_study
+from protocols.manifest import read_manifest
+from protocols.study_file.schema import StudyProtocol
 from study_app.cli.error_messages import EXIT_USER_ERROR
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.sessions import web_commands
@@ -35,7 +39,7 @@ if TYPE_CHECKING:  # what opens a window is imported when a command runs
     from study_app.desktop.window import Window
     from study_app.gaze.source import CalibrationResult
     from study_app.gaze.validation import PointQuality
-    from study_app.run import Listener, SessionOptions
+    from study_app.session_setup import SessionListener
 
 PacingOption = Annotated[
     bool,
@@ -75,35 +79,6 @@ class SessionArguments:
     seed: Annotated[int, typer.Option(min=0)] = 0
     """Seed of the artificial observer."""
 
-    def options(self, language: str | None = None, *, recorded: bool = False) -> SessionOptions:
-        """Return the options of a session; `recorded` is as in `load_protocol`.
-
-        Raises
-        ------
-        StudyError
-            If there is no such study or display, or one is not in order.
-        """
-        from study_app.cli.pictures.live_renderer import FoveatingStudio
-        from study_app.run import SessionOptions
-
-        study, screen = load_study(self.protocol, self.display, recorded=recorded)
-        return SessionOptions(
-            protocol=study,
-            display=screen,
-            stimuli=self.stimuli,
-            root=self.out,
-            participant=self.participant,
-            language=language,
-            gaze=self.gaze,
-            pacing="software" if self.software_pacing else "vsync",
-            extras=FlipMarks(self.strip, self.photodiode),
-            markers=self.markers,
-            validate=not self.skip_validation,
-            simulate=self.simulate,
-            seed=self.seed,
-            studio=FoveatingStudio,
-        )
-
 
 def run(
     language: Annotated[
@@ -123,11 +98,7 @@ def run(
 
     Example: metamerlab session run demo --stimuli clips --participant P01 --gaze lsl
     """
-    from study_app.run import run_session
-
-    options = session.options(language)
-    _say_gaze(options)
-    _tell(run_session(options, _listener()), options)
+    _run(session, language)
 
 
 def resume(session: SessionArguments) -> None:
@@ -135,11 +106,38 @@ def resume(session: SessionArguments) -> None:
 
     Example: metamerlab session resume demo --stimuli clips --participant P01 --gaze lsl
     """
-    from study_app.run import resume_session
+    _run(session, resuming=True)
 
-    options = session.options(recorded=True)
-    _say_gaze(options)
-    _tell(resume_session(options, _listener()), options)
+
+def _run(session: SessionArguments, language: str | None = None, *, resuming: bool = False) -> None:
+    from study_app.cli.pictures.live_renderer import FoveatingStudio
+    from study_app.gaze.open_source import check_choice
+    from study_app.run import run_session
+    from study_app.session_setup import SessionSetup
+
+    study, screen = load_study(session.protocol, session.display, recorded=resuming)
+    _say_gaze(study, session.gaze)
+    with kept_for_session(session.stimuli):
+        check_choice(study.gaze, session.gaze, simulate=session.simulate)
+        setup = SessionSetup(
+            protocol=study,
+            display=screen,
+            manifest=read_manifest(session.stimuli),
+            root=session.out,
+            participant=session.participant,
+            language=language,
+            stimuli=session.stimuli,
+            gaze=session.gaze,
+            pacing="software" if session.software_pacing else "vsync",
+            marks=FlipMarks(session.strip, session.photodiode),
+            markers=session.markers,
+            validate=not session.skip_validation,
+            simulated=session.simulate,
+            seed=session.seed,
+            studio=FoveatingStudio,
+        )
+        outcome = run_session(setup, _listener(), resuming=resuming)
+    _tell(outcome, setup.folder)
 
 
 def check_display_(
@@ -198,10 +196,10 @@ def register(app: typer.Typer) -> None:
     app.command("import-web")(web_commands.import_web)
 
 
-def _listener() -> Listener:
+def _listener() -> SessionListener:
     from study_app.desktop.display_check import shortfall
     from study_app.gaze.validation import smallest_window_deg
-    from study_app.run import Listener
+    from study_app.session_setup import SessionListener
 
     console = PlainConsole()
 
@@ -223,22 +221,21 @@ def _listener() -> Listener:
             f" deg; the window must be at least {smallest_window_deg(result):.2f} deg"
         )
 
-    def on_attempt(attempt: Attempt, events: list[AnyEvent]) -> None:
+    def on_attempt(attempt: Attempt, events: Sequence[AnyEvent]) -> None:
         console.print(attempt_line(attempt, events))
 
-    return Listener(on_check, on_validation, on_attempt, lambda text: say(f"note: {text}"))
+    return SessionListener(on_check, on_validation, on_attempt, lambda text: say(f"note: {text}"))
 
 
-def _say_gaze(options: SessionOptions) -> None:
+def _say_gaze(study: StudyProtocol, gaze: str | None) -> None:
     """Say of a session that no eye is watched in it."""
-    if options.protocol.gaze.mode == "none":
+    if study.gaze.mode == "none":
         say("note: gaze is not controlled (gaze.mode = 'none' in the study)")
-    elif (options.gaze or "").partition(":")[0] == "mouse":
+    elif (gaze or "").partition(":")[0] == "mouse":
         say("note: the mouse stands in for an eye; for rehearsals, not for data")
 
 
-def _tell(outcome: RunOutcome, options: SessionOptions) -> None:
-    folder = options.root / options.protocol.study.name / options.participant
+def _tell(outcome: RunOutcome, folder: Path) -> None:
     if outcome.reason == "completed" and not outcome.main_done:
         require_decisions(
             [SessionFolder(folder, read_journal(folder / JOURNAL_NAME, lenient=True))]

@@ -155,11 +155,12 @@ def _session(folder: Path, root: Path, steps: _Steps) -> None:
     from protocols.load import load_study
     from protocols.viewing import Viewing
     from study_app.cli.pictures.live_renderer import FoveatingStudio
-    from study_app.conduct import RunSettings, conduct
+    from study_app.conduct import conduct
     from study_app.gaze.simulated import SimulatedGaze
     from study_app.observers import ArtificialObserver, default_model
-    from study_app.opening import Setting, begin, resume
+    from study_app.opening import begin, resume
     from study_app.session_folders import is_stillborn, session_folder
+    from study_app.session_setup import SessionSetup
     from study_app.virtual import VirtualClock, VirtualStage
 
     study, display = load_study(folder / "study.toml", None)
@@ -170,8 +171,9 @@ def _session(folder: Path, root: Path, steps: _Steps) -> None:
         stage = VirtualStage(clock, HZ, observer)
         stage.show_live(display, manifest, FoveatingStudio(ctx), lambda _name: picture())
         gaze = SimulatedGaze(clock, Viewing.of(display), (0, 0))
-        setting = Setting(
-            study, display, manifest, root, clock.wall, simulated=True, timing_evidence="virtual",
+        setup = SessionSetup(
+            study, display, manifest, root, "P01", "en", wall_clock=clock.wall, simulated=True,
+            late_most=sys.maxsize, timing_evidence="virtual",
             drawn_by={"renderer": here.name, "opengl": here.version},
         )  # fmt: skip
         steps.before(VirtualStage, "flip", "a flip")
@@ -187,11 +189,11 @@ def _session(folder: Path, root: Path, steps: _Steps) -> None:
         steps.before(os, "fsync", "sync")
         there = session_folder(root, study, "P01")
         if there.exists() and not is_stillborn(there):
-            recorder, plan = resume(setting, "P01", stage, gaze)
+            recorder, plan = resume(setup, stage, gaze)
         else:
-            recorder, plan = begin(setting, "P01", "en", stage, gaze)
+            recorder, plan = begin(setup, stage, gaze)
         with recorder:
-            conduct(setting, plan, recorder, stage, gaze, RunSettings(late_most=sys.maxsize))
+            conduct(setup, plan, recorder, stage, gaze)
 
 
 def _log(_folder: Path, path: Path, steps: _Steps) -> None:

@@ -133,10 +133,10 @@ def sit(folder: Path, send_of):
     observer = ArtificialObserver(PreferenceModel(), study.response, 0, "S001")
     stage = VirtualStage(clock, 60.0, observer)
     gaze = TrustedGaze(Tracker(send_of(clock)), clock)
-    setting = SimulatedStudy(study, FHD).setting(folder, clock)
-    recorder, plan = begin(setting, "S001", "en", stage, gaze)
+    setup = SimulatedStudy(study, FHD).setup(folder, clock, "S001")
+    recorder, plan = begin(setup, stage, gaze)
     with recorder:
-        conduct(setting, plan, recorder, stage, gaze)
+        conduct(setup, plan, recorder, stage, gaze)
     return read_journal(recorder.path)
 
 
@@ -208,10 +208,10 @@ def test_a_machine_that_stands_still_for_seconds_voids_the_attempt(tmp_path):
 
     observer = ArtificialObserver(PreferenceModel(), study.response, 0, "S001")
     stage = VirtualStage(clock, 60.0, observer, on_prepare=faults)
-    setting = SimulatedStudy(study, FHD).setting(tmp_path, clock)
-    recorder, plan = begin(setting, "S001", "en", stage, None)
+    setup = SimulatedStudy(study, FHD).setup(tmp_path, clock, "S001")
+    recorder, plan = begin(setup, stage, None)
     with recorder:
-        conduct(setting, plan, recorder, stage, None)
+        conduct(setup, plan, recorder, stage, None)
     attempts = read_journal(recorder.path).attempts
 
     assert attempts[0].void_reason == "dropped-frames"
