@@ -23,8 +23,8 @@ from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import create_context, release_context
 from pipeline.image_file import from_integers, read_pixels, three_channels
 from stimuli import pictures as sheets
-from stimuli.compressed.rivals import InfeasibleRival, measured, rivals, sheet_of
-from stimuli.foveated.builtin_pictures import builtin_picture
+from stimuli.compress.rivals import InfeasibleRival, measured, rivals, sheet_of
+from stimuli.scenes.builtin_pictures import builtin_picture
 
 SIZES_KB = (15, 25, 41, 70, 120)
 CODECS = ("jpeg", "avif")

@@ -35,8 +35,8 @@ from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.textures.bake import bake
 from protocols.revision import package_version
-from stimuli.textured.draw_globes import TexturedRenderer
-from stimuli.textured.scenes import SCENES, WIDTH_DEG, planet_map
+from stimuli.texture.draw_globes import TexturedRenderer
+from stimuli.texture.scenes import SCENES, WIDTH_DEG, planet_map
 
 NAMES = {
     "warp": ("warp",),

@@ -17,12 +17,12 @@ from pipeline.gl.context import create_context, release_context
 from pipeline.methods.registry import create_method
 from protocols.recipes.warped_clips import CirclePath
 from stimuli import pictures
-from stimuli.media.footage import CameraShot, Footage
+from stimuli.batch.footage import CameraShot, Footage
 from stimuli.rendering.paths import make_path
 from stimuli.rendering.render import WorldRenderer
 from stimuli.rendering.scenery import RenderedScenery
 from stimuli.scenes.builtin_scenes import build_scene
-from stimuli.single.warp_steps import metameric_steps
+from stimuli.warp.warp_steps import metameric_steps
 
 FILLS = "push-pull", "metameric", "background-extension", "coherence-transport"
 SIZE_PX = (448, 336)
@@ -31,7 +31,7 @@ CROPS_AT = ((184, 30), (170, 210))
 """Top and left of each close-up: a fence with flowers behind, a gate before a path."""
 
 SEED = 1
-STEPS = (  # of `stimuli.single.warp_steps`, and what stands under them
+STEPS = (  # of `stimuli.warp.warp_steps`, and what stands under them
     ("base", "2 base: colour of what lies at the hole's depth"),
     ("level0-bands", "3 finest bands: high, along x, along y"),
     ("level0-deviation", "4 their deviations, carried into the hole"),

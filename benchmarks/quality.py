@@ -18,8 +18,8 @@ from pipeline.named_classes import Choice
 from pipeline.quality import Quality, interior
 from pipeline.warp.gpu import warp_frame
 from protocols.revision import code_revision, package_version
-from stimuli.one_frame import warp_and_fill
 from stimuli.scenes.stereo import PAIR_WARP, StereoPair, built_in_pair, load_pair
+from stimuli.warp.one_frame import warp_and_fill
 
 # Pairs of the Middlebury benchmark, where a folder of them is given: no licence lets us ship them.
 PAIRS = {

@@ -19,9 +19,9 @@ from benchmarks.shared.output import PagePart, file_to_write
 from pipeline.colour import YCBCR_FROM_RGB
 from protocols.load import load_display, shipped
 from protocols.study_file.schema import StudyProtocol
-from stimuli.build import build
-from stimuli.build_plan import BuildPlan
-from stimuli.executors import cores, local_processes
+from stimuli.batch.build import build
+from stimuli.batch.build_plan import BuildPlan
+from stimuli.batch.executors import cores, local_processes
 from stimuli.scenes.builtin_scenes import scene_names
 from stimuli.score.batch import subjects_of_batch
 from stimuli.score.measure_clips import ScoreResults, ScoreSettings, score

@@ -24,8 +24,8 @@ from benchmarks.shared.output import file_to_write, write_record
 
 if TYPE_CHECKING:
     from protocols.recipes.warped_clips import ClipName
-    from stimuli.build_plan import BuildPlan
-    from stimuli.clip import Survey
+    from stimuli.batch.build_plan import BuildPlan
+    from stimuli.batch.clip import Survey
     from stimuli.rendering.scenery import Scenery
     from stimuli.worker import SceneContext
 
@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _build_fps(options: argparse.Namespace, method: str) -> float:
-    from stimuli.clip import make_frames
+    from stimuli.batch.clip import make_frames
 
     bench, scenery, orders, clip, survey = _ready(options, method, options.frames)
     seconds = []
@@ -84,7 +84,7 @@ def _build_fps(options: argparse.Namespace, method: str) -> float:
 
 def _share(options: argparse.Namespace) -> None:
     """One of two processes: get ready, and make a clip at every word, until there is none."""
-    from stimuli.clip import make_frames
+    from stimuli.batch.clip import make_frames
 
     bench, scenery, orders, clip, survey = _ready(options, options.methods[-1], options.frames)
     with tempfile.TemporaryDirectory() as folder:
@@ -148,8 +148,8 @@ def _ready(
     """Open the scene at a fixed extent and survey it without writing masks."""
     from protocols.load import load_display, load_protocol
     from protocols.recipes.warped_clips import ClipName
-    from stimuli.build_plan import BuildPlan
-    from stimuli.clip import Survey
+    from stimuli.batch.build_plan import BuildPlan
+    from stimuli.batch.clip import Survey
     from stimuli.worker import SceneContext
 
     protocol = load_protocol(Path("demo"))

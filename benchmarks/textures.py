@@ -25,9 +25,9 @@ from pipeline.gl.context import create_context, release_context
 from pipeline.textures.bake import Layout, bake
 from pipeline.textures.footprints import saved, touched
 from pipeline.textures.reference import Fragments
-from stimuli.textured.draw_globes import TexturedRenderer
-from stimuli.textured.scenes import SCENES, WIDTH_DEG
-from stimuli.textured.texture_files import open_texture
+from stimuli.texture.draw_globes import TexturedRenderer
+from stimuli.texture.scenes import SCENES, WIDTH_DEG
+from stimuli.texture.texture_files import open_texture
 
 TEXTURE_PX = 8192
 SMALL_PX = 64  # of the map that is drawn in its place: only its coordinates matter

@@ -28,7 +28,7 @@ def html_page(title: str, template: str = "protocols/page.html", **values: objec
     title : str
         Of the browser's window; the page's own where there is no `heading`.
     template : str
-        Package and file, which extends ``page.html``: ``stimuli/pages/contact.html``.
+        Package and file, which extends ``page.html``: ``stimuli/batch/contact.html``.
     values : object
         `heading`; `under` it a line; `stamp` on top of the page and over every printed one; `lead`
         blocks; `sections`; `figures` by the names in `FigurePlace`; and what the template names.

@@ -22,8 +22,8 @@ from pipeline.errors import GLUnavailableError, print_notes
 from pipeline.gl.context import create_context, describe, release_context
 from protocols.manifest import Clip
 from protocols.recipes.warped_clips import ClipName
-from stimuli.build_plan import BuildPlan
-from stimuli.clip import Survey, make_frames, take_survey
+from stimuli.batch.build_plan import BuildPlan
+from stimuli.batch.clip import Survey, make_frames, take_survey
 from stimuli.media.video import preview_path, write_preview
 from stimuli.rendering.open_scene import open_scenery
 from stimuli.rendering.scenery import Scenery

@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from stimuli.exr import load_colour, load_warp_input
-from stimuli.one_frame import warp_and_fill
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import PAIR_WARP, load_pair
+from stimuli.warp.one_frame import warp_and_fill
 from study_app.cli import app
 
 HEIGHT, WIDTH = 192, 256

@@ -13,14 +13,14 @@ from pipeline.foveation.geometry import Equirectangular, Flat
 from pipeline.image_file import read_pixels, write_pixels
 from pipeline.named_classes import Choice
 from stimuli.exr import load_colour, save_colour
-from stimuli.foveated import any_picture
-from stimuli.foveated.any_picture import PictureReading, read_any
-from stimuli.foveated.condition_sheet import _named, draw_pools, ring_eccentricities, usual_choices
-from stimuli.foveated.foveate_files import Outputs, foveate_file
-from stimuli.foveated.foveation_steps import condition_steps
-from stimuli.foveated.gaze_and_display import StatedViewing, look_at, read_gaze
-from stimuli.foveated.moving import shrunk, wandering
+from stimuli.foveate.condition_sheet import _named, draw_pools, ring_eccentricities, usual_choices
+from stimuli.foveate.foveate_files import Outputs, foveate_file
+from stimuli.foveate.foveation_steps import condition_steps
+from stimuli.media import any_picture
+from stimuli.media.any_picture import PictureReading, read_any
 from stimuli.media.frames_folder import Reporter
+from stimuli.media.gaze_and_display import StatedViewing, look_at, read_gaze
+from stimuli.media.moving import shrunk, wandering
 from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64

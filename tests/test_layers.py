@@ -272,12 +272,12 @@ def test_every_package_is_examined(repository):
     [
         ("pipeline.warp.gpu", "import protocols"),
         ("pipeline.warp.gpu", "from protocols.load import load"),
-        ("pipeline.warp.gpu", "from stimuli import clip"),
+        ("pipeline.warp.gpu", "from stimuli.batch import clip"),
         ("protocols.plan", "from pipeline import frame"),
         ("protocols.plan", "def f():\n    import analysis.tidy"),
         ("analysis.tidy", "import importlib\nimportlib.import_module('pipeline.quality')"),
         ("analysis.tidy", "from study_app.recorder import Recorder"),
-        ("stimuli.build", "from study_app import cli"),
+        ("stimuli.batch.build", "from study_app import cli"),
         ("study_app.desktop.draw", "import pipeline"),
         ("study_app.desktop.draw", "from pipeline import quality"),
         ("study_app.desktop.draw", "from pipeline.warp import reference"),
@@ -295,7 +295,7 @@ def test_a_forbidden_import_is_caught(module, source):
     [
         ("pipeline.warp.gpu", "from pipeline.frame import Frame\nimport numpy"),
         ("pipeline.warp.gpu", "from ..gl import context"),
-        ("stimuli.build", "import protocols.manifest, pipeline.quality"),
+        ("stimuli.batch.build", "import protocols.manifest, pipeline.quality"),
         (
             "study_app.desktop.draw",
             "from pipeline.gl.texture import upload\nfrom pipeline import gl",

@@ -9,7 +9,7 @@ from pipeline.foveation.geometry import Flat, eccentricity_deg, pixel_centres
 from pipeline.frame import SourceFrame
 from pipeline.image_file import read_pixels
 from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
-from stimuli.single.upsampled import DOT, FRAMES, Eye, crops_of
+from stimuli.warp.upsampled import DOT, FRAMES, Eye, crops_of
 from study_app.cli import app
 
 HEIGHT, WIDTH = 72, 96

@@ -15,8 +15,8 @@ from pipeline.image_file import read_pixels, write_pixels
 from pipeline.methods.registry import METHODS
 from pipeline.named_classes import Choice
 from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
-from stimuli.one_frame import warp_and_fill
-from stimuli.single.warp_steps import metameric_steps
+from stimuli.warp.one_frame import warp_and_fill
+from stimuli.warp.warp_steps import metameric_steps
 from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64

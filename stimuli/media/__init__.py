@@ -1,1 +1,1 @@
-"""Files of pictures and clips: channels, planes, flow, frames and videos."""
+"""Files and views that the applications share: frames, videos, gaze and display."""

@@ -10,8 +10,8 @@ from typing import Any
 from protocols.display import Display
 from protocols.errors import Problem
 from protocols.study_file.schema import StudyProtocol
-from stimuli.batch_folder import BuildOutcome, Report
-from stimuli.estimate import BuildEstimate
+from stimuli.batch.batch_folder import BuildOutcome, Report
+from stimuli.batch.estimate import BuildEstimate
 
 __all__ = ["BuildEstimate", "BuildMachine", "BuildOutcome", "Builder", "Report"]
 
@@ -25,7 +25,7 @@ class BuildMachine:
     scheduler: str | None = None
     """Address of a Dask cluster in their place."""
     tls: Mapping[str, str] = field(default_factory=dict)
-    """Its certificates, as `stimuli.executors.dask_cluster` takes them."""
+    """Its certificates, as `stimuli.batch.executors.dask_cluster` takes them."""
 
 
 class Builder:

@@ -12,12 +12,12 @@ from protocols.errors import Problem, StudyError
 from protocols.manifest import Clip, cache_key
 from protocols.recipes.files import FileEntry, Files
 from protocols.study_file.schema import StudyProtocol
-from stimuli.estimate import free_bytes
+from stimuli.batch.estimate import free_bytes
+from stimuli.batch.sources import source_sha256
 from stimuli.media.png import encode_bytes
 from stimuli.read_stimulus import StimulusHeader, file_sha256, read_frames, stated, wrong_size
 from stimuli.recipes.base import BuildEstimate
 from stimuli.recipes.single_stimuli import RESERVED, SingleStimulusBuilder
-from stimuli.sources import source_sha256
 from stimuli.worker import RendererInfo
 
 NO_RENDERER = RendererInfo("", "none: files made elsewhere", "")

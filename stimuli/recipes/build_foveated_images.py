@@ -34,9 +34,9 @@ from protocols.recipes.foveated_images import (
     ShownMethod,
 )
 from protocols.study_file.schema import StudyProtocol
-from stimuli.estimate import free_bytes
-from stimuli.executors import dask_cluster, local_processes
-from stimuli.foveated.builtin_pictures import NOTICES, check_picture_name, picture_modules
+from stimuli.batch.estimate import free_bytes
+from stimuli.batch.executors import dask_cluster, local_processes
+from stimuli.batch.sources import source_sha256
 from stimuli.read_stimulus import file_sha256
 from stimuli.recipes.base import BuildEstimate, BuildMachine
 from stimuli.recipes.foveated_work import (
@@ -48,7 +48,7 @@ from stimuli.recipes.foveated_work import (
     wrong_size,
 )
 from stimuli.recipes.single_stimuli import RESERVED, Made, SingleStimulusBuilder
-from stimuli.sources import source_sha256
+from stimuli.scenes.builtin_pictures import NOTICES, check_picture_name, picture_modules
 from stimuli.worker import RendererInfo
 
 _SOURCES = ("stimuli.recipes.foveated_work", "pipeline.foveation.catalogue")

@@ -11,7 +11,7 @@ from pipeline.errors import InputError
 from pipeline.methods.registry import check_method, check_method_name
 from protocols.errors import Problem, StudyError
 from protocols.recipes.warped_clips import BuiltinScene, ClipName, FillMethod
-from stimuli.build_plan import BuildPlan
+from stimuli.batch.build_plan import BuildPlan
 from stimuli.recipes.base import Builder, BuildEstimate, BuildMachine, BuildOutcome, Report
 from stimuli.recipes.warped_checks import SceneFindings, look_at_fills, look_at_scenes
 from stimuli.scenes.builtin_scenes import scene_entry
@@ -76,15 +76,15 @@ class WarpedClipBuilder(Builder):
 
     def estimate(self, out: Path, workers: int) -> BuildEstimate:
         """Make one frame of the first scene by every method, and multiply."""
-        from stimuli.estimate import estimate
+        from stimuli.batch.estimate import estimate
 
         self._need_all()
         return estimate(self.plan, out, workers)
 
     def build(self, out: Path, where: BuildMachine, report: Report) -> BuildOutcome[ClipName]:
         """Build what is missing of the clips."""
-        from stimuli.build import build
-        from stimuli.executors import cores, dask_cluster, local_processes
+        from stimuli.batch.build import build
+        from stimuli.batch.executors import cores, dask_cluster, local_processes
 
         self._need_all()
         with ExitStack() as stack:
@@ -97,7 +97,7 @@ class WarpedClipBuilder(Builder):
 
     def summary(self, outcome: BuildOutcome[ClipName]) -> tuple[Sequence[str], list[Sequence[str]]]:
         """Return extent and holes of every scene and size."""
-        from stimuli.pages.contact import extent_text
+        from stimuli.batch.contact import extent_text
 
         rows: dict[str, Sequence[str]] = {}
         for clip in outcome.manifest.clips:

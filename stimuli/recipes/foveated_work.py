@@ -36,10 +36,10 @@ from protocols.recipes.foveated_images import (
     ScenePicture,
     ShownMethod,
 )
-from stimuli.foveated.any_picture import read_any
-from stimuli.foveated.builtin_pictures import builtin_picture
-from stimuli.foveated.gaze_and_display import read_gaze
+from stimuli.media.any_picture import read_any
+from stimuli.media.gaze_and_display import read_gaze
 from stimuli.media.png import encode_frame
+from stimuli.scenes.builtin_pictures import builtin_picture
 from stimuli.worker import GpuThread, RendererInfo, context_or_numpy
 
 Colour = NDArray[np.float32]

@@ -1,6 +1,6 @@
 """Stills and videos that are made or taken in one by one, into hashed clips: what builders share.
 
-What matches by the hash of all that decides it is kept. `stimuli.clip_build` does the rest.
+What matches by the hash of all that decides it is kept. `stimuli.batch.clip_build` does the rest.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from protocols.errors import StudyError
 from protocols.manifest import Clip
 from protocols.recipes.base import Recipe
 from protocols.units import Scalar
-from stimuli.batch_folder import BUILD_FOLDER, HOLES_FOLDER, remove_unfinished
-from stimuli.clip_build import ClipBuild, Job
-from stimuli.executors import cores
+from stimuli.batch.batch_folder import BUILD_FOLDER, HOLES_FOLDER, remove_unfinished
+from stimuli.batch.clip_build import ClipBuild, Job
+from stimuli.batch.executors import cores
+from stimuli.batch.records import ManifestDraft, is_whole
 from stimuli.media.video import PREVIEW_FOLDER
 from stimuli.recipes.base import Builder, BuildMachine, BuildOutcome, Report
-from stimuli.records import ManifestDraft, is_whole
 from stimuli.worker import RendererInfo
 
 _LISTED = 12

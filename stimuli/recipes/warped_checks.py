@@ -17,7 +17,7 @@ from pipeline.methods.onnx import OnnxNetwork
 from pipeline.methods.registry import create_method
 from protocols.errors import Problem
 from protocols.recipes.warped_clips import ClipName, ExrScene, MeshScene, StereoScene
-from stimuli.build_plan import BuildPlan
+from stimuli.batch.build_plan import BuildPlan
 from stimuli.media.exr_parts import frame_files
 from stimuli.rendering.open_scene import open_world
 from stimuli.scenes.pair_check import judge_pair

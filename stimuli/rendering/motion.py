@@ -33,7 +33,7 @@ class MotionPass:
     def __init__(self, ctx: moderngl.Context, size: tuple[int, int]) -> None:
         self.size = size
         self._shader = Shader.of(
-            ctx, flatten("shaders/motion.comp.glsl", {}, resources.files("stimuli"))
+            ctx, flatten("shaders/motion.comp.glsl", {}, resources.files("stimuli.rendering"))
         )
         self.flow_px = create_texture(ctx, size, "rg32f")
         self.target_depth_m = create_texture(ctx, size, "r32f")

@@ -24,8 +24,8 @@ from stimuli.rendering.world import Vector, Viewpoint, World
 from stimuli.scenes.builtin_scenes import build_scene, scene_entry
 
 BASE_MODULES = (
-    "stimuli.clip",
-    "stimuli.media.footage",
+    "stimuli.batch.clip",
+    "stimuli.batch.footage",
     "stimuli.rendering.open_scene",
     "stimuli.rendering.solve",
 )
@@ -90,7 +90,7 @@ def scene_inputs(scene: Scene, folder: Path) -> Json:
 
 
 def scene_modules(scene: Scene) -> tuple[str, ...]:
-    """The modules that make the scene, for `stimuli.sources`."""
+    """The modules that make the scene, for `stimuli.batch.sources`."""
     if isinstance(scene, BuiltinScene):
         return ("stimuli.rendering.render", scene_entry(scene.builtin).module)
     if isinstance(scene, MeshScene):

@@ -9,7 +9,7 @@ import moderngl
 import numpy as np
 
 from pipeline.errors import InputError
-from stimuli.media.footage import CameraShot, Footage
+from stimuli.batch.footage import CameraShot, Footage
 from stimuli.rendering.scenery import Scenery
 
 PROBE_FRAMES = 12

@@ -25,7 +25,7 @@ def program(ctx: moderngl.Context, vertex: str, fragment: str) -> moderngl.Progr
 
 def shader_text(name: str) -> str:
     """Return a shader of this package with its includes."""
-    folder = resources.files("stimuli") / "shaders"
+    folder = resources.files("stimuli.rendering") / "shaders"
     text = (folder / name).read_text(encoding="utf-8")
     return _INCLUDE.sub(lambda match: shader_text(match[1]), text)
 

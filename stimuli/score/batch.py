@@ -11,7 +11,7 @@ from protocols.errors import StudyError
 from protocols.manifest import Clip, read_manifest
 from protocols.outside import visible
 from protocols.recipes.warped_clips import ClipName
-from stimuli.build import HOLES_FOLDER, survey_name
+from stimuli.batch.build import HOLES_FOLDER, survey_name
 from stimuli.score.metrics import HOLES, Metric
 from stimuli.score.pair import ScoredPair, read_colour
 

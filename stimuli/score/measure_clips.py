@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from protocols.disk.hashing import Json, sha256_file, sha256_json
 from protocols.disk.whole_file import write_whole
 from protocols.errors import StudyError
-from stimuli.executors import local_processes
+from stimuli.batch.executors import local_processes
 from stimuli.score.available import MissingMetrics, family_versions, split_available
 from stimuli.score.batch import Subject, Subjects, check_subjects, usable_regions
 from stimuli.score.measured import Curve, PairScores

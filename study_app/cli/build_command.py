@@ -106,7 +106,7 @@ def build(
 
 
 def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:
-    from stimuli.executors import cores
+    from stimuli.batch.executors import cores
 
     count = workers or cores()
     with PlainConsole(stderr=True).status("trying the first ..."):

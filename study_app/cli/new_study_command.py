@@ -30,7 +30,7 @@ from study_app.cli.progress import progress_line
 from study_app.cli.terminal import say, say_notes
 
 if TYPE_CHECKING:
-    from stimuli.bring_in import PairFiles
+    from stimuli.recipes.bring_in import PairFiles
 
 _PAIR_FILES: Final = ("LEFT", "RIGHT", "DISPARITY")
 _BETWEEN: Final = "\0"  # no path holds it
@@ -134,7 +134,7 @@ class OwnOptions:
         unknown = unknown_numbers(self.unknown)
         if not named:
             return []
-        from stimuli.bring_in import PairFiles
+        from stimuli.recipes.bring_in import PairFiles
 
         pairs = []
         for text, rig in zip(named, rigs, strict=True):
@@ -202,7 +202,7 @@ def new_study(
     screen = load_display(display)
     study_files(named, shown, screen, task)  # a mistake is told before anything is copied
     pairs = own.pairs()
-    from stimuli.single.example_pictures import example_files
+    from stimuli.recipes.example_pictures import example_files
 
     with whole_folder(folder) as work:
         given = _Given(
@@ -267,7 +267,7 @@ def _own(work: Path, folder: Path, given: _Given, screen: Display) -> tuple[OwnS
 def _own_photographs(
     work: Path, folder: Path, given: _Given, screen: Display
 ) -> tuple[OwnStimuli, list[str]]:
-    from stimuli.bring_in import bring_methods, bring_photographs
+    from stimuli.recipes.bring_in import bring_methods, bring_photographs
 
     files: list[str] = []
     for name in (name for group in given.photos for name in group):
@@ -330,7 +330,13 @@ def _own_scenes(
     # Imported here: they bring the renderer along.
     from pipeline.errors import GLUnavailableError
     from pipeline.gl.context import create_context, release_context
-    from stimuli.bring_in import bring_frames, bring_methods, bring_pair, bring_scene, clips_of
+    from stimuli.recipes.bring_in import (
+        bring_frames,
+        bring_methods,
+        bring_pair,
+        bring_scene,
+        clips_of,
+    )
     from stimuli.scenes.mesh_inputs import ENDINGS
 
     fills = () if methods is None else bring_methods(methods, work, folder)

@@ -157,7 +157,7 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
     """Score `first`; panoramas by way of flat views in the folder `views`."""
     from protocols.disk.result_folder import whole_folder
     from protocols.manifest import read_manifest
-    from stimuli.executors import cores
+    from stimuli.batch.executors import cores
     from stimuli.score.batch import subjects_of_batch, subjects_of_two
     from stimuli.score.foveated import (
         METRICS_OF_FOVEATION,

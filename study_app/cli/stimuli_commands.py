@@ -21,7 +21,7 @@ from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
 if TYPE_CHECKING:
     import moderngl
 
-    from stimuli.pages.scene_views import ScenePreview
+    from stimuli.rendering.scene_views import ScenePreview
 
 
 app = CommandGroup(
@@ -81,7 +81,7 @@ def check(
 
         metamerlab stimuli check clips garden__small__metameric --flicker
     """
-    from stimuli.check import check_batch
+    from stimuli.batch.check import check_batch
 
     if flicker:
         _probe(folder, clips)
@@ -107,7 +107,7 @@ def check(
 
 
 def _probe(folder: Path, clips: list[str] | None) -> None:
-    from stimuli.check import probe_batch
+    from stimuli.batch.check import probe_batch
 
     with progress_line("reading frames") as report:
         findings = probe_batch(
@@ -184,7 +184,7 @@ def look(
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
-    from stimuli.pages.scene_views import LIGHTINGS, ScenePreview, look_around
+    from stimuli.rendering.scene_views import LIGHTINGS, ScenePreview, look_around
 
     kind = None if light.lighting is None else one_of("--lighting", light.lighting, LIGHTINGS)
     if out.suffix.lower() != ".png":
@@ -236,10 +236,10 @@ def panorama(
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
-    from stimuli.pages.scene_views import ScenePreview
     from stimuli.pictures import of_colour, save_picture
     from stimuli.rendering.open_scene import viewpoint_of
     from stimuli.rendering.render_panorama import panorama_of
+    from stimuli.rendering.scene_views import ScenePreview
 
     if out.suffix.lower() != ".png":
         raise StudyError(f"{out}: must end in .png")
@@ -274,8 +274,8 @@ def export_holes(
     Example: metamerlab stimuli export-holes my-study.toml --out holes
     """
     from protocols.load import load_study
-    from stimuli.build_plan import BuildPlan
-    from stimuli.export_holes import export_holes as write
+    from stimuli.batch.build_plan import BuildPlan
+    from stimuli.batch.export_holes import export_holes as write
     from stimuli.recipes.warped_checks import look_at_scenes
 
     study, screen = load_study(protocol, display)
@@ -301,7 +301,7 @@ def _look_interactively(ctx: moderngl.Context, preview: ScenePreview) -> None:
     """Serve the page, open it where there is a browser, and print what is taken."""
     import webbrowser
 
-    from stimuli.pages.scene_views import look_interactively
+    from stimuli.rendering.scene_views import look_interactively
 
     def opened(address: str) -> None:
         say(f"{address} shows the scene; 'Done' there, or ctrl-C here, ends it")

@@ -9,7 +9,7 @@ import pytest
 from built_study import write_small_study
 
 from protocols.load import load_display, load_protocol
-from stimuli.build_plan import BuildPlan
+from stimuli.batch.build_plan import BuildPlan
 from stimuli.worker import SCENES
 
 

@@ -15,8 +15,8 @@ from pipeline.foveation.drawn import cut_shares, draw_ring
 from pipeline.foveation.geometry import Equirectangular, Flat, eccentricity_deg, pixel_centres
 from protocols.load import load_study
 from protocols.recipes.foveated_images import FoveatedImages, ShownMethod
-from stimuli.foveated.builtin_pictures import builtin_picture, notices, picture_names
 from stimuli.recipes.foveated_work import StillMaker, StillsPlan
+from stimuli.scenes.builtin_pictures import builtin_picture, notices, picture_names
 
 TALL, WIDE = 108, 192
 

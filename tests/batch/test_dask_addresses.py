@@ -13,9 +13,9 @@ import forked
 import pytest
 from typer.testing import CliRunner
 
-import stimuli.executors
+import stimuli.batch.executors
 from protocols.errors import StudyError
-from stimuli.executors import dask_cluster
+from stimuli.batch.executors import dask_cluster
 from study_app.cli import app
 
 distributed = pytest.importorskip("distributed")
@@ -69,7 +69,7 @@ def guarded(certificates):
 def test_a_build_over_tls_is_the_build_made_here(
     small_study, read_plan, inline, certificates, tmp_path
 ):
-    from stimuli.build import build
+    from stimuli.batch.build import build
 
     build(read_plan(small_study), tmp_path / "here", inline)
     lab = certificates["lab"]
@@ -165,7 +165,7 @@ def test_what_is_no_scheduler_is_told_and_not_waited_for(
         "stimuli", "build", small_study, "--out", tmp_path / "clips",
         "--scheduler", f"{scheme}://127.0.0.1:{port}",
         *(word for pair in zip(options, lab.values(), strict=False) for word in pair),
-        code=f"import stimuli.executors; stimuli.executors.CONNECT_S = 0.3; {forked.METAMERLAB}",
+        code=f"from stimuli.batch import executors; executors.CONNECT_S = 0.3; {forked.METAMERLAB}",
         timeout=60,
     )  # fmt: skip
     assert done.returncode == 2, done.stderr
@@ -180,7 +180,7 @@ def test_what_is_no_scheduler_is_told_and_not_waited_for(
      "http://localhost:8787", "processes", "inproc://x", "x y", "tls://localhost:1"],
 )  # fmt: skip
 def test_an_address_that_is_none_is_told(address, monkeypatch):
-    monkeypatch.setattr(stimuli.executors, "CONNECT_S", 0.3)
+    monkeypatch.setattr(stimuli.batch.executors, "CONNECT_S", 0.3)
     with (
         pytest.raises(StudyError, match="must be the address of a running Dask scheduler"),
         dask_cluster(address),

@@ -24,7 +24,7 @@ from protocols.errors import StudyError
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.study_file.new_study import study_files
-from stimuli.check import check_batch
+from stimuli.batch.check import check_batch
 from stimuli.media.png import decode
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import BuildMachine

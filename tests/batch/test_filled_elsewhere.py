@@ -11,7 +11,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.image_file import read_pixels
-from stimuli.build import build
+from stimuli.batch.build import build
 from stimuli.media.png import decode
 from stimuli.media.video import write_video
 from study_app.cli import app

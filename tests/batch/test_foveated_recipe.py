@@ -34,7 +34,7 @@ from protocols.recipes.foveated_images import (
     ScenePicture,
     ShownMethod,
 )
-from stimuli.check import check_batch
+from stimuli.batch.check import check_batch
 from stimuli.media.png import decode
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import BuildMachine

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 SCRIPT = """
-from stimuli.executors import local_processes
+from stimuli.batch.executors import local_processes
 
 print("begun", flush=True)
 with local_processes(1) as pool:

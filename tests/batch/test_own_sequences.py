@@ -11,7 +11,7 @@ from pipeline.image_file import write_pixels
 from protocols.load import shipped
 from protocols.manifest import read_manifest
 from protocols.recipes.warped_clips import BuiltinScene, Clips
-from stimuli.build import build
+from stimuli.batch.build import build
 from stimuli.media.png import decode
 from study_app.cli import app
 

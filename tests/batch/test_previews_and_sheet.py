@@ -14,10 +14,10 @@ import pytest
 
 from pipeline.errors import InputError
 from protocols.manifest import read_manifest
-from stimuli.build import build
+from stimuli.batch.build import build
+from stimuli.batch.contact import SHOWN_FRAMES, TILE_PX
 from stimuli.media.png import decode
 from stimuli.media.video import LARGEST_PX, preview_path, write_preview
-from stimuli.pages.contact import SHOWN_FRAMES, TILE_PX
 
 BEFORE = """<script>
 window.problems = [];

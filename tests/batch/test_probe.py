@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from stimuli.build import build
-from stimuli.check import probe_batch
+from stimuli.batch.build import build
+from stimuli.batch.check import probe_batch
 from stimuli.media.png import decode
 from study_app.cli.stimuli_commands import app
 

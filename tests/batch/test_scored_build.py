@@ -7,7 +7,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from stimuli.build import build
+from stimuli.batch.build import build
 from study_app.cli.stimuli_commands import app
 
 

@@ -7,9 +7,9 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 
-import stimuli.sources
+import stimuli.batch.sources
 from pipeline.methods.registry import check_method_name
-from stimuli.sources import source_files, source_sha256
+from stimuli.batch.sources import source_files, source_sha256
 
 
 def files_of(method: str) -> set[str]:
@@ -41,7 +41,7 @@ def test_the_base_leaves_methods_and_protocols_out():
 
 def test_one_changed_byte_changes_the_hash(tmp_path, monkeypatch):
     before = source_sha256("pipeline.methods.opencv")
-    original = stimuli.sources.source_files
+    original = stimuli.batch.sources.source_files
 
     def changed(*modules: str):
         files = original(*modules)
@@ -50,7 +50,7 @@ def test_one_changed_byte_changes_the_hash(tmp_path, monkeypatch):
         copy.write_bytes(files[name].read_bytes() + b"\n")
         return files | {name: copy}
 
-    monkeypatch.setattr(stimuli.sources, "source_files", changed)
+    monkeypatch.setattr(stimuli.batch.sources, "source_files", changed)
     assert source_sha256("pipeline.methods.opencv") != before
 
 
@@ -65,7 +65,7 @@ def test_one_thread_parses_at_a_time(monkeypatch):
             parsing.release()
         return parse(text)
 
-    stimuli.sources._imports.cache_clear()
+    stimuli.batch.sources._imports.cache_clear()
     with monkeypatch.context() as patch, ThreadPoolExecutor(4) as pool:
         patch.setattr(ast, "parse", slow)
         hashes = set(pool.map(source_sha256, ["pipeline.methods.opencv"] * 4))

@@ -21,18 +21,18 @@ from attack.builds import contents, kill_builds
 from built_study import box_document
 from PIL import Image
 
-import stimuli.build
-import stimuli.clip
-import stimuli.clip_build
-import stimuli.estimate
-import stimuli.records
+import stimuli.batch.build
+import stimuli.batch.clip
+import stimuli.batch.clip_build
+import stimuli.batch.estimate
+import stimuli.batch.records
 from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.load import load_protocol
 from protocols.manifest import check_manifest, read_manifest
-from stimuli.batch_folder import claim, move_over, remove_strangers
-from stimuli.build import build
-from stimuli.check import check_batch
+from stimuli.batch.batch_folder import claim, move_over, remove_strangers
+from stimuli.batch.build import build
+from stimuli.batch.check import check_batch
 from stimuli.media.png import decode, is_whole
 from stimuli.worker import describe_renderer
 
@@ -88,7 +88,7 @@ def test_the_other_photograph_is_the_truth_in_the_holes_of_a_pair(batch):
 
 
 def test_building_again_changes_nothing_even_after_a_commit(copy, plan, inline, monkeypatch):
-    monkeypatch.setattr(stimuli.records, "code_revision", lambda: "abcdef0")
+    monkeypatch.setattr(stimuli.batch.records, "code_revision", lambda: "abcdef0")
     before = contents(copy)
     stamp = (copy / "manifest.json").stat().st_mtime_ns
     outcome = build(plan, copy, inline)
@@ -107,7 +107,7 @@ def test_a_changed_method_makes_only_its_own_clips_again(
     path.write_text(
         text.replace('name = "telea"', 'name = "telea"\nparameters = { radius_px = 7 }')
     )
-    monkeypatch.setattr(stimuli.clip, "take_survey", None)  # nothing is to be surveyed again
+    monkeypatch.setattr(stimuli.batch.clip, "take_survey", None)  # nothing is to be surveyed again
     outcome = build(read_plan(path), copy, inline)
     assert [str(name) for name in outcome.built] == [
         f"{scene}__small__telea" for scene in ("box", "motorcycle")
@@ -433,13 +433,13 @@ def test_work_under_a_hash_that_no_build_noted_stays(copy, plan, inline):
 
 def test_what_is_put_into_the_work_of_a_build_meanwhile_stays(copy, plan, inline, monkeypatch):
     (copy / "box__small__telea/000001.png").write_bytes(b"damaged")
-    real = stimuli.clip_build.remove_strangers
+    real = stimuli.batch.clip_build.remove_strangers
 
     def meanwhile(out: Path, names) -> None:
         (out / ".build" / "clips" / "thesis.txt").write_text("mine")
         real(out, names)
 
-    monkeypatch.setattr(stimuli.clip_build, "remove_strangers", meanwhile)
+    monkeypatch.setattr(stimuli.batch.clip_build, "remove_strangers", meanwhile)
     build(plan, copy, inline)
 
     assert snapshot(copy / ".build") == {"clips/thesis.txt": b"mine"}
@@ -469,13 +469,13 @@ def test_clips_that_a_study_lost_go_and_nothing_else(copy, plan, inline, monkeyp
         plan, protocol=plan.protocol.model_copy(update={"stimuli": recipe})
     )
     assert list(smaller.clip_names) == fewer
-    real = stimuli.clip_build.remove_strangers
+    real = stimuli.batch.clip_build.remove_strangers
 
     def meanwhile(out: Path, names) -> None:
         (out / "box__small__telea" / "mine.txt").write_text("mine")
         real(out, names)
 
-    monkeypatch.setattr(stimuli.clip_build, "remove_strangers", meanwhile)
+    monkeypatch.setattr(stimuli.batch.clip_build, "remove_strangers", meanwhile)
     build(smaller, copy, inline)
 
     left = sorted(p.name for p in (copy / "box__small__telea").iterdir())
@@ -542,7 +542,7 @@ def test_a_limit_on_file_size_ends_with_one_message(small_study, tmp_path):
 
 
 def test_a_killed_worker_ends_with_a_message(plan, tmp_path, inline_class):
-    from stimuli.executors import local_processes
+    from stimuli.batch.executors import local_processes
 
     with local_processes(1) as pool:
 
@@ -565,7 +565,7 @@ def test_a_dask_cluster_makes_the_same_bytes(plan, batch, tmp_path):
     distributed = pytest.importorskip("distributed")
     import warnings
 
-    from stimuli.executors import dask_cluster
+    from stimuli.batch.executors import dask_cluster
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -583,12 +583,12 @@ def test_a_dask_cluster_makes_the_same_bytes(plan, batch, tmp_path):
 
 
 def test_no_scheduler_at_the_address_is_said():
-    from stimuli.executors import dask_cluster
+    from stimuli.batch.executors import dask_cluster
 
     pytest.importorskip("distributed")
-    import stimuli.executors
+    import stimuli.batch.executors
 
-    before, stimuli.executors.CONNECT_S = stimuli.executors.CONNECT_S, 0.3
+    before, stimuli.batch.executors.CONNECT_S = stimuli.batch.executors.CONNECT_S, 0.3
     try:
         with (
             pytest.raises(StudyError, match="must be the address of a running Dask scheduler"),
@@ -596,7 +596,7 @@ def test_no_scheduler_at_the_address_is_said():
         ):
             pass
     finally:
-        stimuli.executors.CONNECT_S = before
+        stimuli.batch.executors.CONNECT_S = before
 
 
 @pytest.mark.parametrize(
@@ -706,15 +706,17 @@ def test_software_times_a_smaller_frame_and_counts_its_pixels(
     plan = read_plan(study if files else small_study)
     ticks = itertools.count()
     monkeypatch.setattr(
-        stimuli.estimate, "time", types.SimpleNamespace(perf_counter=lambda: float(next(ticks)))
+        stimuli.batch.estimate,
+        "time",
+        types.SimpleNamespace(perf_counter=lambda: float(next(ticks))),
     )
-    monkeypatch.setattr(stimuli.estimate, "encode_frame", told)
+    monkeypatch.setattr(stimuli.batch.estimate, "encode_frame", told)
     monkeypatch.setattr("pipeline.gl.context.SOFTWARE_RENDERERS", ("",))  # every name
     width, height = plan.render_px
     found = []
     for edge in (width, 39):
-        monkeypatch.setattr(stimuli.estimate, "TRIED_PX", edge)
-        found.append(stimuli.estimate.estimate(plan, tmp_path, 1))
+        monkeypatch.setattr(stimuli.batch.estimate, "TRIED_PX", edge)
+        found.append(stimuli.batch.estimate.estimate(plan, tmp_path, 1))
     whole, part = found
     opened_s = 2.0  # a tick for each of two scenes
     ratio = 1.0 if files else 4.0

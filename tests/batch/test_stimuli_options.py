@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from protocols.manifest import read_manifest
-from stimuli.build import build
-from stimuli.check import check_batch
+from stimuli.batch.build import build
+from stimuli.batch.check import check_batch
 from stimuli.exr import load_colour
 from stimuli.media.png import decode
 

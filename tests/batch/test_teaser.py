@@ -10,7 +10,7 @@ import pytest
 
 from stimuli.pictures import Crop, auto_crops, difference
 from stimuli.score.plots import png_bytes, vector_bytes
-from stimuli.single.teaser import WIDTHS_IN, FigureRow, teaser
+from stimuli.warp.teaser import WIDTHS_IN, FigureRow, teaser
 
 
 def row(methods: int = 3, title: str = "") -> FigureRow:

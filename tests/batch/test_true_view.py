@@ -8,8 +8,8 @@ from pipeline.transport.reference import TransportSettings
 from protocols.errors import StudyError
 from protocols.load import load_protocol
 from protocols.recipes.warped_clips import TrueView
-from stimuli.build import build
-from stimuli.clip import true_share, with_true_view
+from stimuli.batch.build import build
+from stimuli.batch.clip import true_share, with_true_view
 from stimuli.media.png import decode
 
 UPSAMPLED = (

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from pipeline.compression import compressed_file
 from pipeline.compression.codec import CompressionSettings, compress, decompress
 from pipeline.errors import InputError
-from stimuli.compressed.compress_files import compress_file
+from stimuli.compress.compress_files import compress_file
 from stimuli.media.frames_folder import Reporter
 from stimuli.media.video import unpacked_video, write_video
 from study_app.cli import app

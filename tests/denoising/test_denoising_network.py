@@ -25,7 +25,7 @@ from pipeline.foveation.geometry import Flat
 from pipeline.foveation.pooling import MetamerSettings, Pooling, Pools
 from pipeline.foveation.reference import metamer
 from pipeline.image_file import read_pixels
-from stimuli.denoised.denoise_files import Denoiser
+from stimuli.denoise.denoise_files import Denoiser
 from study_app.cli import app
 
 pytest.importorskip("onnxruntime", reason="needs the extra `onnx`")
@@ -338,7 +338,7 @@ def test_frames_of_other_sizes_are_refused(png, tmp_path):
 
 @pytest.mark.slow
 def test_a_missing_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("stimuli.denoised.path_traced.find_spec", lambda _: None)
+    monkeypatch.setattr("stimuli.denoise.path_traced.find_spec", lambda _: None)
     code, _, error = run("render", "castle", "--out", tmp_path / "n.png")
     assert code == 2
     assert "script/setup --denoise" in error

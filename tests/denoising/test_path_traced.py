@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from stimuli.denoised.path_traced import PathTracer, Rendering, SceneView, encoded, render_pair
+from stimuli.denoise.path_traced import PathTracer, Rendering, SceneView, encoded, render_pair
 from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Viewpoint, World
 
 CURE = "needs the extra `denoise`: script/setup --denoise installs it"

@@ -9,7 +9,7 @@ from pipeline.foveation.conditions import foveate
 from pipeline.foveation.steady_gaze import carried
 from pipeline.image_file import read_pixels
 from stimuli.exr import save_colour
-from stimuli.foveated.gaze_and_display import look_at
+from stimuli.media.gaze_and_display import look_at
 from study_app.cli import app
 
 HEIGHT, WIDTH = 40, 56

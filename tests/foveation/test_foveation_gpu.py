@@ -23,7 +23,7 @@ from pipeline.foveation.reference import blur, metamer
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.named_classes import Choice
 from pipeline.noise.gpu import NoisePass
-from stimuli.foveated.condition_sheet import look_through
+from stimuli.foveate.condition_sheet import look_through
 
 # Pools of half a pixel up to some 30, seen with every sort of border.
 VIEWS = [

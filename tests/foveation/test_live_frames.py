@@ -24,8 +24,8 @@ from pipeline.named_classes import Choice
 from protocols.disk.hashing import sha256_json
 from protocols.errors import StudyError
 from protocols.load import load_display
-from stimuli.foveated.any_picture import PictureReading
-from stimuli.foveated.clip_to_files import ClipSettings, foveate_clip
+from stimuli.foveate.clip_to_files import ClipSettings, foveate_clip
+from stimuli.media.any_picture import PictureReading
 from study_app.cli import app
 from study_app.cli.pictures.foveate import track_of
 from study_app.cli.pictures.live_renderer import FoveatingRenderer, read_source

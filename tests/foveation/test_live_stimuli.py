@@ -33,8 +33,8 @@ from protocols.phases import LiveImage, Phase
 from protocols.plan import make_plan
 from protocols.script import example_scripts
 from protocols.viewing import Viewing
-from stimuli.foveated.clip_to_files import ClipSettings, foveate_clip
-from stimuli.foveated.gaze_and_display import StatedViewing
+from stimuli.foveate.clip_to_files import ClipSettings, foveate_clip
+from stimuli.media.gaze_and_display import StatedViewing
 from stimuli.recipes.build_foveated_images import FoveatedBuilder
 from study_app.attempt import GazeWatcher
 from study_app.cli import app

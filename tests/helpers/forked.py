@@ -86,8 +86,8 @@ os._exit(status)
 """
 READ = (
     "PIL.PngImagePlugin", "analysis.report.write_report", "analysis.tasks.preference", "jinja2",
-    "moderngl", "stimuli.build", "stimuli.check", "study_app.cli", "study_app.presenter",
-    "study_app.run", "study_app.session", "study_app.desktop.window",
+    "moderngl", "stimuli.batch.build", "stimuli.batch.check", "study_app.cli",
+    "study_app.presenter", "study_app.run", "study_app.session", "study_app.desktop.window",
 )  # fmt: skip
 
 COSTS_S: list[float] = []

@@ -17,7 +17,7 @@ from stimuli.exr import (
     save_colour,
     save_warp_input,
 )
-from stimuli.foveated.any_picture import read_any
+from stimuli.media.any_picture import read_any
 
 # Stored as float32, relative rounding 2^-24; the encoding's slope times the value is at most
 # 0.5; the result is rounded once more.

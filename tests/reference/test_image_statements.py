@@ -25,7 +25,7 @@ from pipeline.methods.frames import FramesOnDisk
 from pipeline.statements.row import Row, table
 from pipeline.statements.rows import ROWS
 from stimuli.exr import load_colour
-from stimuli.foveated.any_picture import read_any
+from stimuli.media.any_picture import read_any
 from stimuli.media.exr_parts import read_parts
 from stimuli.read_stimulus import read_picture
 

@@ -19,7 +19,7 @@ from pipeline.methods.registry import (
     method_names,
     method_parameters,
 )
-from stimuli.clip import Fills
+from stimuli.batch.clip import Fills
 
 NAMED = [entry.name for entry in METHODS if not entry.takes_path]
 

@@ -8,7 +8,7 @@ from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.registry import create_method
 from pipeline.plate.reference import KeptFills
-from stimuli.clip import Fills
+from stimuli.batch.clip import Fills
 
 THRESHOLD = 0.04
 

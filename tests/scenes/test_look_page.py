@@ -16,8 +16,8 @@ import trimesh
 from PIL import Image
 
 from protocols.recipes.warped_clips import CameraView
-from stimuli.pages.scene_views import ScenePreview, look_interactively
-from stimuli.pages.view_page import VIEW_PX, CameraPlace
+from stimuli.rendering.scene_views import ScenePreview, look_interactively
+from stimuli.rendering.view_page import VIEW_PX, CameraPlace
 from stimuli.rendering.world import Viewpoint
 
 START = {"x_m": 0.0, "y_m": 1.6, "z_m": 4.0, "yaw_deg": 0.0, "pitch_deg": 0.0, "fov_deg": 50.0}

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from protocols.load import parse_view
-from stimuli.pages import scene_views
-from stimuli.pages.scene_views import ScenePreview, look_around
+from stimuli.rendering import scene_views
+from stimuli.rendering.scene_views import ScenePreview, look_around
 
 COUNT = 4
 

@@ -17,10 +17,10 @@ from pipeline.errors import InputError
 from protocols.errors import StudyError
 from protocols.load import parse_view
 from protocols.recipes.warped_clips import MeshScene
-from stimuli.bring_in import bring_scene
-from stimuli.pages.scene_views import ScenePreview, look_around
+from stimuli.recipes.bring_in import bring_scene
 from stimuli.rendering.open_scene import open_world
 from stimuli.rendering.render import WorldRenderer
+from stimuli.rendering.scene_views import ScenePreview, look_around
 from stimuli.rendering.world import Viewpoint
 from stimuli.scenes.mesh_file import load_world
 from study_app.cli.stimuli_commands import app

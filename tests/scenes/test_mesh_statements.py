@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from pipeline.statements.row import table
-from stimuli.bring_in import bring_scene
+from stimuli.recipes.bring_in import bring_scene
 from stimuli.rendering import triangle_batches
 from stimuli.rendering.render import WorldRenderer
 from stimuli.rendering.world import Viewpoint

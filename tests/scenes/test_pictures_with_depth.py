@@ -17,8 +17,8 @@ from protocols.recipes.warped_clips import (
     StereoScene,
     UpsamplingPath,
 )
+from stimuli.batch.footage import CameraShot, Footage
 from stimuli.media.exr_parts import frame_files
-from stimuli.media.footage import CameraShot, Footage
 from stimuli.rendering.paths import STILL, make_path
 from stimuli.scenes.photo import open_rgbd, open_stereo
 from stimuli.scenes.sequence import load_picture, open_sequence

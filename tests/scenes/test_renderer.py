@@ -12,7 +12,7 @@ from pipeline.camera import flow_between
 from pipeline.errors import InputError
 from pipeline.gl.texture import read_back, texture_from
 from protocols.recipes.warped_clips import CirclePath, LinePath, UpsamplingPath
-from stimuli.media.footage import CameraShot, Footage
+from stimuli.batch.footage import CameraShot, Footage
 from stimuli.rendering.motion import MotionPass
 from stimuli.rendering.paths import make_path
 from stimuli.rendering.render import WorldRenderer

@@ -12,7 +12,7 @@ import pytest
 from pipeline.errors import InputError
 from protocols.recipes.warped_clips import CirclePath, ExrScene
 from stimuli.exr import Channels, load_colour, load_warp_input
-from stimuli.foveated.any_picture import PictureReading, read_any
+from stimuli.media.any_picture import PictureReading, read_any
 from stimuli.media.exr_parts import read_parts
 from stimuli.scenes.sequence import load_picture
 

@@ -22,7 +22,7 @@ from protocols.script import example_scripts
 from protocols.study_file.new_study import PARTS, study_files
 from protocols.study_file.preregister import preregistration
 from protocols.tasks.task_kinds import TASKS
-from stimuli.single.example_pictures import example_files
+from stimuli.recipes.example_pictures import example_files
 from study_app.cli import app
 from study_app.observers import ArtificialObserver
 from study_app.observers.right_or_wrong import SensitivityModel

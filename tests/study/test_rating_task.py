@@ -17,7 +17,7 @@ from protocols.plan import make_plan
 from protocols.script import Frames, example_scripts
 from protocols.study_file.new_study import study_files
 from protocols.study_file.preregister import preregistration
-from stimuli.single.example_pictures import example_files
+from stimuli.recipes.example_pictures import example_files
 from study_app.cli import app
 from study_app.observers.rating_observer import REACH, RaterModel
 from study_app.simulate import SimulatedStudy, simulate_study

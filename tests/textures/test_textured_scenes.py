@@ -16,8 +16,8 @@ from pipeline.textures.baked_file import read_baked
 from pipeline.textures.reference import shade
 from pipeline.textures.surface_noise import surface_noise
 from stimuli.exr import save_colour
-from stimuli.textured.draw_globes import TexturedRenderer
-from stimuli.textured.scenes import SCENES, Globe, TexturedScene, planet_map
+from stimuli.texture.draw_globes import TexturedRenderer
+from stimuli.texture.scenes import SCENES, Globe, TexturedScene, planet_map
 from study_app.cli import app
 
 EDGE_PX = 96

@@ -17,7 +17,7 @@ from pipeline.foveation.geometry import Flat
 from pipeline.gl.fragment import fragment_of
 from pipeline.gl.shader import ShaderSource
 from pipeline.named_classes import Choice
-from stimuli.foveated.metamer_page import check_page, write_page
+from stimuli.foveate.metamer_page import check_page, write_page
 from study_app.cli import app
 
 EDGE, SEED = 512, 3

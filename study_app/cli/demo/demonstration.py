@@ -26,7 +26,7 @@ from protocols.html_page import html_page
 from protocols.load import load_study
 from protocols.outside import page_bytes
 from protocols.revision import code_revision, package_version
-from stimuli.executors import LocalProcesses, cores, local_processes
+from stimuli.batch.executors import LocalProcesses, cores, local_processes
 from study_app.cli.demo.steps import SCREEN, Options, Said, Step, run_commands, steps_of
 from study_app.cli.demo.xvfb import require_screen, virtual_screen
 from study_app.session_folders import is_stillborn

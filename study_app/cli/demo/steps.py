@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from protocols.errors import StudyError
-from stimuli.executors import cores
+from stimuli.batch.executors import cores
 from study_app.cli import main
 
 SCREEN = "screen.toml"

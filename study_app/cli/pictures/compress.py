@@ -113,7 +113,7 @@ def compress(
     """
     from pipeline.errors import InputError
     from pipeline.video_file import is_video
-    from stimuli.compressed.compress_files import ENDING, compress_file
+    from stimuli.compress.compress_files import ENDING, compress_file
 
     settings = coding.settings()
     if coding.hold is not None and not (picture.is_dir() or is_video(picture)):
@@ -164,7 +164,7 @@ def decompress(
 
         metamerlab decompress clip.metamer --out frames/ --video clip.mp4 --fps 60
     """
-    from stimuli.compressed.compress_files import decompress_file
+    from stimuli.compress.compress_files import decompress_file
     from stimuli.media.video import CODECS
 
     if video is not None:

@@ -83,7 +83,7 @@ def run(
 
         metamerlab denoise run frames/ --gaze 0deg,0deg --out denoised/
     """
-    from stimuli.denoised.denoise_files import denoise_file
+    from stimuli.denoise.denoise_files import denoise_file
 
     if out.suffix.lower() in FILE_ENDINGS:
         check_file(out, FILE_ENDINGS)
@@ -126,8 +126,8 @@ def render(
 
         metamerlab denoise render shed --view 3 --clean clean.png --clean-samples 256
     """
-    from stimuli.denoised.denoise_files import render_scene
-    from stimuli.denoised.path_traced import Rendering
+    from stimuli.denoise.denoise_files import render_scene
+    from stimuli.denoise.path_traced import Rendering
 
     check_file(out, FILE_ENDINGS)
     if clean is not None:

@@ -84,7 +84,7 @@ def figure(
     """
     from protocols.disk.whole_file import write_whole
     from stimuli.score.plots import png_bytes, vector_bytes
-    from stimuli.single.teaser import RowSettings, rows_of, teaser
+    from stimuli.warp.teaser import RowSettings, rows_of, teaser
 
     if out.suffix not in ENDINGS:
         raise StudyError(f"--out: must end in {', '.join(ENDINGS)} (got {out})")

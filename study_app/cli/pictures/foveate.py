@@ -37,9 +37,9 @@ from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     from pipeline.named_classes import Choice
-    from stimuli.foveated.any_picture import PictureReading
-    from stimuli.foveated.clip_to_files import Track
-    from stimuli.foveated.foveate_files import Outputs
+    from stimuli.foveate.clip_to_files import Track
+    from stimuli.foveate.foveate_files import Outputs
+    from stimuli.media.any_picture import PictureReading
 
 
 DEFAULT_METHOD = "metamer"
@@ -128,7 +128,7 @@ class LightOptions:
 
     def reading(self, panorama: bool) -> PictureReading:
         """Return it as work on files takes it."""
-        from stimuli.foveated.any_picture import PictureReading
+        from stimuli.media.any_picture import PictureReading
 
         exposed = panorama and self.stops is None and not self.clip
         return PictureReading(self.background, self.clip, self.stops or 0.0, self.encoded, exposed)
@@ -210,9 +210,9 @@ def foveate(
         metamerlab foveate clip.mp4 shown/ --gaze replay:eye.asc --display fhd27-60hz
     """
     from pipeline.video_file import is_video
-    from stimuli.foveated.clip_to_files import ClipSettings, foveate_clip
-    from stimuli.foveated.foveate_files import Outputs, foveate_file
-    from stimuli.foveated.gaze_and_display import StatedViewing
+    from stimuli.foveate.clip_to_files import ClipSettings, foveate_clip
+    from stimuli.foveate.foveate_files import Outputs, foveate_file
+    from stimuli.media.gaze_and_display import StatedViewing
 
     sheet = looks.compare is not None or looks.score is not None
     choices = _choices(condition.methods, condition.settings, sheet)
@@ -280,7 +280,7 @@ def _check_clip(picture: Path, out: Path | None, outputs: Outputs, video: Path |
 
 def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
     """Refuse before the work what could not be written after it."""
-    from stimuli.foveated.moving import ENDINGS
+    from stimuli.media.moving import ENDINGS
 
     if flow is not None:
         raise StudyError("--flow is for a folder of frames (PICTURE is no folder)")
@@ -307,7 +307,7 @@ def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
 def _choices(methods: list[str] | None, settings: list[str] | None, sheet: bool) -> list[Choice]:
     from pipeline.foveation.conditions import condition_parameters
     from pipeline.named_classes import Choice
-    from stimuli.foveated.condition_sheet import usual_choices
+    from stimuli.foveate.condition_sheet import usual_choices
 
     every = [choice.name for choice in usual_choices()]
     chosen = choose_methods(

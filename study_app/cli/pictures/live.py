@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pipeline.foveation.geometry import FlatGeometry
     from pipeline.named_classes import Choice
     from protocols.recipes.base import Change
-    from stimuli.foveated.any_picture import PictureReading
+    from stimuli.media.any_picture import PictureReading
     from study_app.cli.pictures.live_renderer import FoveatingRenderer
     from study_app.desktop.window import Window
     from study_app.gaze.source import GazeSample
@@ -120,7 +120,7 @@ def live(
         metamerlab live around.exr --panorama -m warped-metamer --set law=v2
     """
     from protocols.recipes.base import Change
-    from stimuli.foveated.any_picture import PictureReading
+    from stimuli.media.any_picture import PictureReading
 
     if asked.verify is not None:
         if replace(asked, verify=None) != LiveOptions():
@@ -216,7 +216,7 @@ def _run(show: _Show) -> None:
 
 def _geometry(size: tuple[int, int], show: _Show) -> FlatGeometry:
     from pipeline.foveation.geometry import FlatGeometry
-    from stimuli.foveated.gaze_and_display import look_at
+    from stimuli.media.gaze_and_display import look_at
 
     looking = look_at(size, display=show.asked.display, fov_deg=show.asked.fov)
     say(looking.words)
@@ -453,7 +453,7 @@ def _verify(source: str, path: Path) -> None:
     from pipeline.gl.context import describe, lent_context
     from pipeline.named_classes import Choice
     from pipeline.picture_limits import check_need
-    from stimuli.foveated.any_picture import PictureReading
+    from stimuli.media.any_picture import PictureReading
     from study_app.cli.pictures.live_renderer import (
         BUILTIN,
         FoveatingRenderer,

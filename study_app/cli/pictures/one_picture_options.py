@@ -21,7 +21,7 @@ from study_app.cli.terminal import PlainConsole
 if TYPE_CHECKING:
     import moderngl
 
-    from stimuli.foveated.gaze_and_display import StatedViewing
+    from stimuli.media.gaze_and_display import StatedViewing
 
 LOOK = "To look at"
 """Panel of what is made to be looked at."""
@@ -73,7 +73,7 @@ class PictureViewing:
 
     def stated(self, gaze: str | None = None, panorama: bool = False) -> StatedViewing:
         """Return it with a gaze, as work on pictures takes it."""
-        from stimuli.foveated.gaze_and_display import StatedViewing
+        from stimuli.media.gaze_and_display import StatedViewing
 
         return StatedViewing(gaze, self.display, self.fov, panorama)
 

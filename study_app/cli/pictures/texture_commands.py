@@ -55,7 +55,7 @@ def bake(
         metamerlab texture bake mars.tif --wrap --out mars.moments
     """
     from pipeline.textures.baked_file import ENDING
-    from stimuli.textured.texture_files import bake_file
+    from stimuli.texture.texture_files import bake_file
 
     check_file(out, (ENDING,))
     with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
@@ -105,8 +105,8 @@ def show(
         metamerlab texture show planet --baked mars.moments --animate turning.webp
     """
     from pipeline.errors import GLUnavailableError
-    from stimuli.foveated.moving import ENDINGS
-    from stimuli.textured.texture_files import SceneSettings, metamer_settings, show_scene
+    from stimuli.media.moving import ENDINGS
+    from stimuli.texture.texture_files import SceneSettings, metamer_settings, show_scene
 
     check_file(out, (".png", ".jpg"))
     if drawing.animate is not None:

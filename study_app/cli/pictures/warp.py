@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from pipeline.frame import WarpedFrame
     from pipeline.named_classes import Choice
     from pipeline.quality import Quality
-    from stimuli.one_frame import FillResult
-    from stimuli.single.upsampled import Eye
+    from stimuli.warp.one_frame import FillResult
+    from stimuli.warp.upsampled import Eye
     from study_app.cli.pictures.warp_source import LoadedSource
 
 DEFAULT_METHOD = "metameric"
@@ -138,9 +138,9 @@ def _run(
     from pipeline.warp.speckle import mends
     from stimuli import pictures
     from stimuli.exr import save_colour
-    from stimuli.one_frame import comparison, warp_and_fill
-    from stimuli.single.upsampled import periphery, upsampled, upsampled_sheet
-    from stimuli.single.warp_steps import write_steps
+    from stimuli.warp.one_frame import comparison, warp_and_fill
+    from stimuli.warp.upsampled import periphery, upsampled, upsampled_sheet
+    from stimuli.warp.warp_steps import write_steps
 
     compare, steps = looks.compare, looks.steps
     frame, settings, truth = loaded.frame, loaded.settings, loaded.truth
@@ -194,8 +194,8 @@ def _look(
 ) -> tuple[list[Choice], Eye | None]:
     """Tell the methods that fill by eccentricity where somebody looks, and the true view."""
     from pipeline.foveation.geometry import FlatGeometry
-    from stimuli.foveated.gaze_and_display import gaze_words, look_at, read_gaze, width_deg
-    from stimuli.single.upsampled import Eye
+    from stimuli.media.gaze_and_display import gaze_words, look_at, read_gaze, width_deg
+    from stimuli.warp.upsampled import Eye
 
     by_gaze = any(choice.parameters.get("fovea_deg") for choice in choices)
     if eye.true_within is None and not by_gaze:

@@ -14,7 +14,7 @@ from pipeline.gl.context import describe, lent_context
 from protocols.errors import StudyError
 from protocols.load import load_study
 from protocols.manifest import check_manifest, read_manifest
-from stimuli.foveated.any_picture import read_any
+from stimuli.media.any_picture import read_any
 from study_app.cli.pictures.live_renderer import FoveatingStudio
 from study_app.cli.terminal import say
 from study_app.clips import check_files, read_frame

@@ -640,7 +640,7 @@ def live_log(name: str, width: int, height: int) -> Write:
 
     def write(folder: Path) -> None:
         from protocols.load import load_display
-        from stimuli.foveated.any_picture import PictureReading
+        from stimuli.media.any_picture import PictureReading
         from study_app.live.log import LiveLog
         from study_app.live.renderer import RendererDescription
 

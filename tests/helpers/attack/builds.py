@@ -15,7 +15,7 @@ from pathlib import Path
 import forked
 from forked import Forked
 
-from stimuli.check import check_batch
+from stimuli.batch.check import check_batch
 
 
 def build_by_command(study: Path, out: Path) -> subprocess.CompletedProcess[str]:

@@ -28,7 +28,7 @@ from pipeline.compression.compressed_file import to_bytes
 from protocols.disk.result_folder import LISTING
 from protocols.load import load_display
 from protocols.study_file.new_study import study_files
-from stimuli.single.example_pictures import example_files
+from stimuli.recipes.example_pictures import example_files
 
 TIMEOUT_S = 240.0
 MINE = (

@@ -49,7 +49,7 @@ from protocols.load import load_display, load_protocol, load_toml, shipped
 from protocols.manifest import read_manifest, write_manifest
 from protocols.recipes.files import read_table as read_stimuli
 from stimuli.exr import load_colour, load_warp_input
-from stimuli.foveated.any_picture import PictureReading, read_any
+from stimuli.media.any_picture import PictureReading, read_any
 from stimuli.media.exr_parts import read_parts
 from stimuli.media.plane_file import read_flo
 from stimuli.media.png import decode

@@ -44,7 +44,7 @@ from protocols.outside import bounded_bytes, lines_of, parsed_json, visible_line
 from protocols.plan import make_plan, planned_trials
 from protocols.recipes.files import read_table as read_stimuli
 from stimuli.exr import load_colour, save_colour
-from stimuli.foveated.any_picture import read_any
+from stimuli.media.any_picture import read_any
 from stimuli.media.exr_parts import read_parts
 from stimuli.media.png import decode
 from stimuli.media.video import unpacked_video

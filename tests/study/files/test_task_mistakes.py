@@ -16,7 +16,7 @@ from protocols.load import load_display, load_protocol
 from protocols.plan import make_plan
 from protocols.study_file.new_study import PARTS, study_files
 from protocols.study_file.preregister import preregistration
-from stimuli.single.example_pictures import example_files
+from stimuli.recipes.example_pictures import example_files
 
 DISPLAY = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
 ADAPTIVE = """

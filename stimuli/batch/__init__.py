@@ -1,0 +1,1 @@
+"""Build of a study's clips: plan, survey, frames, manifest, checks."""

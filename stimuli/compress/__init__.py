@@ -1,0 +1,1 @@
+"""Compressed pictures as files, and what they are compared with: `metamerlab compress`."""

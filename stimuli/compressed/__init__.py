@@ -1,1 +1,0 @@
-"""Compressed pictures as files, and what they are compared with."""

@@ -1,0 +1,1 @@
+"""Denoising for a gaze, of path-traced pictures and whole files: `metamerlab denoise`."""

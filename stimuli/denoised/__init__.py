@@ -1,1 +1,0 @@
-"""Denoising for a gaze: path-traced pictures, and whole files."""

@@ -1,0 +1,1 @@
+"""Pictures and clips for a gaze, from file to file: `metamerlab foveate`."""

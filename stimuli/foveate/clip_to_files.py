@@ -1,0 +1,186 @@
+"""The frames of a clip, shown to a gaze, into files; noise on the screen or carried along."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.foveation.conditions import Foveator
+from pipeline.foveation.noise_plane import check_seed
+from pipeline.foveation.steady_gaze import SteadyGaze, carried
+from pipeline.named_classes import Choice
+from protocols.errors import count_of
+from stimuli.exr import save_colour
+from stimuli.foveate.condition_sheet import check_choices
+from stimuli.foveate.foveate_files import METAMER
+from stimuli.media.any_picture import PictureReading, check_drawable, read_any
+from stimuli.media.frames_folder import SILENT, Reporter, frames_folder, frames_in
+from stimuli.media.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
+from stimuli.media.plane_file import read_flo
+from stimuli.media.video import check_video, write_video
+
+Track = Callable[[int, tuple[int, int]], NDArray[np.float64]]
+"""From how many frames there are, and their (height, width), to the gaze of each: (frames, 2) in
+their pixels, not a number where the eye was lost."""
+
+
+@dataclass(frozen=True)
+class ClipSettings:
+    """Flow, gaze and frame rate of a clip, and the files that it is written to.
+
+    Parameters
+    ----------
+    flow : Path, optional
+        A folder with a Middlebury file ``NAME.flo`` for every frame but the first: for each pixel
+        of *that* frame, where it is less where it was a frame ago. Noise and displacements then
+        go with the surfaces. Without it they lie on the screen.
+    track : Track, optional
+        A gaze per frame, in place of the one for all. It holds while the eye is lost, and
+        displacements follow it as `SteadyGaze` lets them.
+    video : Path, optional
+        Write the frames as a video too; see `write_video`.
+    fps : float
+        Frames a second.
+    reading : PictureReading
+        What is said about the files.
+    """
+
+    flow: Path | None = None
+    track: Track | None = None
+    video: Path | None = None
+    fps: float = 30.0
+    reading: PictureReading = field(default_factory=PictureReading)
+
+
+def foveate_clip(
+    frames: Path,
+    out: Path,
+    *,
+    asked: ClipSettings = ClipSettings(),
+    viewing: StatedViewing = AS_ASSUMED,
+    choice: Choice = METAMER,
+    seed: int = 0,
+    ctx: moderngl.Context | None = None,
+    reporter: Reporter = SILENT,
+) -> list[Path]:
+    """Show every frame of a folder to a gaze, and write them under their names as PNG.
+
+    Parameters
+    ----------
+    frames : Path
+        A folder of pictures of one size, in the order of their names.
+    out : Path
+        Another folder, empty or new.
+    asked : ClipSettings
+        What is known of the clip besides.
+    choice : Choice
+        The condition.
+
+    Other parameters are those of `foveate_file`.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    InputError, StudyError, OSError
+        Where a frame or its flow is not what it must be; nothing is written then.
+    """
+    tell, reading, track = reporter.say, asked.reading, asked.track
+    check_choices([choice])
+    check_seed(seed)
+    paths = frames_in(frames)
+    motions = _files(frames, out, paths, asked.flow)
+    command = "foveate" if ctx is not None else "foveate by numpy"
+    check_drawable(paths[0], ctx)
+    first = read_any(paths[0], reading, command)
+    size = first.size
+    looking = viewing.of(size)
+    if track is not None:
+        eyes = track(len(paths), size)
+        lost = int((~np.isfinite(eyes).all(axis=1)).sum())
+        gaze_said = f"a gaze per frame, held in {lost} in which the eye was lost"
+        if lost and not np.isfinite(eyes[0]).all():
+            gaze_said += "; in the middle until it was found"
+    else:
+        gaze_px = read_gaze(viewing.gaze, looking.geometry)
+        eyes = np.tile(gaze_px, (len(paths), 1))
+        gaze_said = gaze_words(gaze_px, looking.geometry)
+    tell(f"{count_of(len(paths), 'frame')}, {size[1]} x {size[0]} px")
+    tell(looking.words)
+    tell(gaze_said)
+    for note in (*first.notes, *looking.notes):
+        tell(f"note: {note}")
+    tell("noise is carried along the flow" if asked.flow else "noise lies on the screen")
+    if asked.video is not None:
+        check_video(asked.video, size[1], size[0])
+    foveator = Foveator(
+        size, viewing=looking.viewing, method=choice.name, ctx=ctx, **choice.parameters
+    )
+    try:
+        shift: NDArray[np.float64] | None = None
+        state = SteadyGaze(looking.geometry, (eyes[0, 0], eyes[0, 1]))
+        with frames_folder(out) as folder:
+            for index, (path, motion) in enumerate(zip(paths, motions, strict=True)):
+                opened = first if index == 0 else read_any(path, reading, command)
+                if opened.size != size:
+                    height, width = opened.size
+                    raise InputError(
+                        f"{path}: must be {size[1]} x {size[0]} px as the first frame"
+                        f" (is {width} x {height})"
+                    )
+                if motion is not None:
+                    shift = carried(shift, _read_flow(motion, size))
+                if index > 0:
+                    state = state.after((eyes[index, 0], eyes[index, 1]), 1 / asked.fps)
+                foveator.hold(opened.stored)
+                shown = foveator.show(
+                    state.eye_px, seed=seed, frame=index, noise_shift_px=shift,
+                    field_gaze_px=state.field_px,
+                )  # fmt: skip
+                save_colour(folder / f"{path.stem}.png", shown, bits=opened.bits)
+                reporter.progress("frames", index + 1, len(paths))
+    finally:
+        foveator.release()
+    written = [out / f"{path.stem}.png" for path in paths]
+    tell(f"wrote {count_of(len(written), 'frame')} to {out} ({choice.label})")
+    if asked.video is not None:
+        write_video(asked.video, written, asked.fps)
+        tell(f"wrote {asked.video}")
+    return written
+
+
+def _files(frames: Path, out: Path, paths: list[Path], flow: Path | None) -> list[Path | None]:
+    """Check the folders, and find each frame's flow."""
+    if len({path.stem for path in paths}) < len(paths):
+        raise InputError(f"{frames}: must hold each frame once, whatever its ending")
+    if out.exists() and out.samefile(frames):
+        raise InputError(f"{out}: holds the frames themselves; write to another folder")
+    if flow is None:
+        return [None] * len(paths)
+    motions = [flow / f"{path.stem}.flo" for path in paths[1:]]
+    missing = [path.name for path in motions if not path.is_file()]
+    if missing:
+        raise InputError(
+            f"{flow}: must hold the flow of every frame but the first"
+            f" ({len(missing)} of {len(motions)} missing, the first is {missing[0]})"
+        )
+    return [None, *motions]
+
+
+def _read_flow(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
+    flow, _ = read_flo(path)  # where it is unknown noise stays on the screen
+    if flow.shape[:2] != size:
+        raise InputError(
+            f"{path}: must be {size[1]} x {size[0]} px as the frames"
+            f" (is {flow.shape[1]} x {flow.shape[0]})"
+        )
+    return flow

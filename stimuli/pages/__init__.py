@@ -1,1 +1,0 @@
-"""Pages of pictures: the contact sheet of a batch, and the views of a scene."""

@@ -1,1 +1,0 @@
-"""Single pictures: warped, filled, compared and drawn step by step."""

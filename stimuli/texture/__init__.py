@@ -1,0 +1,1 @@
+"""Textures as statistics, and scenes that read them so: `metamerlab texture`."""

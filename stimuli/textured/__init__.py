@@ -1,1 +1,0 @@
-"""Scenes whose surfaces are read as statistics: a planet, and four globes."""

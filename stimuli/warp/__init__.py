@@ -1,0 +1,1 @@
+"""Single pictures warped, filled, compared and drawn step by step: `metamerlab warp`."""
