@@ -74,17 +74,6 @@ is_new_enough() {
     "$1" -I -c "import sys; sys.exit(sys.version_info < (${MINIMUM_PYTHON/./, }))" 2>/dev/null
 }
 
-# Milliseconds that a Python takes for a loop: those of the same version differ by a factor of two.
-loop_ms() {
-    "$1" -I -c 'import time
-def loop():
-    start, total = time.process_time(), 0
-    for number in range(300_000):
-        total += number * number
-    return time.process_time() - start
-print(round(1000 * min(loop() for _ in range(3))))' 2>/dev/null
-}
-
 # Sets PYTHON_FOUND: $PYTHON where the user names one, else the first of those that are new enough
 # which is about as fast as the fastest.
 find_python() {
@@ -101,7 +90,7 @@ find_python() {
     for candidate in python3 "$SYSTEM_PYTHON" python3.14 python3.13 python3.12 python3.11; do
         if ! found=$(command -v "$candidate") || [[ $known == *" $found "* ]]; then continue; fi
         known+="$found "
-        if ms=$(is_new_enough "$found" && loop_ms "$found"); then
+        if ms=$("$found" -I "$ROOT/study_app/doctor/python_speed.py" 2>/dev/null); then
             places+=("$found") times+=("$ms")
             if ((least == 0 || ms < least)); then least=$ms; fi
         fi

@@ -26,7 +26,8 @@ echo "uv $* $from" >>"$MACHINE/log"
 FAKE_PYTHON = """#!/bin/bash
 case "$*" in
     *version_info\\ \\<*) exit "$(cat "$MACHINE/too-old" 2>/dev/null || echo 0)" ;;
-    *process_time*) cat "$MACHINE/loop-ms-${0##*/}" 2>/dev/null || echo 20 ;;
+    *python_speed*) [[ ! -e $MACHINE/too-old ]] || exit 1
+        cat "$MACHINE/loop-ms-${0##*/}" 2>/dev/null || echo 20 ;;
     -V) echo "Python 3.12.1" ;;
     *"-m venv"*) echo "${@: 2:$# - 2}" | sed 's/-m //' >>"$MACHINE/log"
         dir=${@: -1}; rm -rf "$dir"; mkdir -p "$dir/bin"; cp "$0" "$dir/bin/python" ;;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Set
@@ -60,6 +61,26 @@ def requirements() -> list[Requirement]:
         return [Requirement(line) for line in importlib.metadata.requires("metamerlab") or []]
     except importlib.metadata.PackageNotFoundError:
         return []
+
+
+def check_python(loops_ms: Answer) -> list[Finding]:
+    """Whether another Python of this machine would do all of it faster; nothing if none would.
+
+    Parameters
+    ----------
+    loops_ms : mapping
+        Of a fixed loop, by Python; this one's comes first.
+    """
+    if "error" in loops_ms:
+        return []
+    mine, best = next(iter(loops_ms)), min(loops_ms, key=loops_ms.__getitem__)
+    if 4 * loops_ms[mine] <= 5 * loops_ms[best]:  # as script/lib.sh chooses
+        return []
+    version = ".".join(map(str, sys.version_info[:3]))
+    faster = loops_ms[mine] / loops_ms[best]
+    found = f"{version} ({mine}); {best} is {faster:.1f} times as fast"
+    cure = f"make the environment with it; in a checkout: PYTHON={best} script/setup"
+    return [Finding("Python", Status.WARN, found, cure)]
 
 
 def check_texts() -> list[Finding]:
@@ -151,10 +172,11 @@ def examine(
     jobs : set of Job
         What the machine is for; no window is opened unless sessions are among it.
     probe : callable
-        Answers ``"gl"`` and ``"display"``; the default asks the drivers.
+        Answers ``"gl"``, ``"display"`` and ``"python"``; the default asks the drivers.
     """
     findings = [
         check_packages(requirements()),
+        *check_python(probe("python")),
         check_gl(probe("gl")),
         *(check_display(probe("display"), os.environ) if Job.SESSIONS in jobs else ()),
         *check_texts(),

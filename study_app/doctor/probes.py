@@ -21,6 +21,7 @@ import psutil
 
 from pipeline.errors import GLUnavailableError
 from protocols.errors import StudyError
+from study_app.doctor.python_speed import loops_ms
 
 Answer = dict[str, Any]  # JSON; "error" holds the reason where there is no answer
 
@@ -138,7 +139,7 @@ def _window() -> Answer:
     }
 
 
-PROBES: dict[str, Callable[[], Answer]] = {"gl": gl, "display": display}
+PROBES: dict[str, Callable[[], Answer]] = {"gl": gl, "display": display, "python": loops_ms}
 
 
 def answer(name: str) -> None:

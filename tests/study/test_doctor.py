@@ -13,12 +13,13 @@ import pytest
 from packaging.requirements import Requirement
 
 from study_app.desktop.x11 import XServer
-from study_app.doctor import Finding, Job, Status, worst
+from study_app.doctor import Finding, Job, Status, python_speed, worst
 from study_app.doctor.graphics import check_display, check_gl
 from study_app.doctor.machine import (
     check_disk,
     check_memory,
     check_packages,
+    check_python,
     check_texts,
     examine,
     judge_space,
@@ -62,8 +63,41 @@ def test_a_mac_without_compute_shaders_is_fit_for_photographs(monkeypatch):
     assert "numpy works on photographs" in said.found
 
 
+ALONE = {"/opt/venv/bin/python": 20}
+
+
+def test_a_python_that_is_a_quarter_faster_is_named_with_the_cure():
+    faster = ALONE | {"/usr/bin/python3": 10, "/opt/python3": 12}
+
+    (finding,) = check_python(faster)
+
+    assert finding.status is Status.WARN
+    assert "(/opt/venv/bin/python); /usr/bin/python3 is 2.0 times as fast" in finding.found
+    assert "PYTHON=/usr/bin/python3 script/setup" in finding.cure
+    for others in ({}, {"/usr/bin/python3": 16}, {"/usr/bin/python3": 50}):
+        assert check_python(ALONE | others) == []
+    assert check_python({"error": "gave no answer"}) == []
+
+
+def test_the_loop_is_timed_by_each_other_python_once(monkeypatch, tmp_path):
+    other = tmp_path / "python3.12"
+    other.write_text('#!/bin/sh\nexec "$REAL" "$@"\n')
+    other.chmod(0o755)
+    monkeypatch.setenv("REAL", sys.executable)
+    (tmp_path / "python3.13").symlink_to(other)
+    monkeypatch.setattr(python_speed, "NAMES", ("python3.12", "python3.13", "python3.7"))
+    monkeypatch.setenv("PATH", str(tmp_path))
+
+    found = python_speed.loops_ms()
+
+    assert list(found) == [sys.executable, str(other)]
+    assert all(ms > 0 for ms in found.values())
+
+
 def test_a_good_machine_passes_every_question(tmp_path):
-    findings = examine(tmp_path, probe={"gl": GPU, "display": display()}.__getitem__)
+    findings = examine(
+        tmp_path, probe={"gl": GPU, "display": display(), "python": ALONE}.__getitem__
+    )
 
     ours = {"packages", "fonts", "text shaping", "disk space", "disk speed", "memory"}
     assert {f.check for f in findings if f.status is not Status.PASS} <= ours
@@ -75,11 +109,11 @@ def test_no_window_is_opened_for_a_machine_that_shows_nothing(tmp_path):
 
     def probe(name):
         asked.append(name)
-        return {"gl": GPU}[name]
+        return {"gl": GPU, "python": ALONE}[name]
 
     findings = examine(tmp_path, jobs={Job.STIMULI, Job.ANALYSIS}, probe=probe)
 
-    assert asked == ["gl"]
+    assert asked == ["python", "gl"]
     assert all(finding.jobs & {Job.STIMULI, Job.ANALYSIS} for finding in findings)
     assert "OpenGL off-screen" in {finding.check for finding in findings}
 
