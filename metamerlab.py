@@ -1,4 +1,7 @@
-"""The name under which metamerlab is installed; importing it lets our five packages be found first.
+"""The front of metamerlab: the calls that programs need, each imported when it is first named.
+
+docs/library.md has an example of each. Everything else in the five packages is private, or an
+interface of plug-ins (docs/architecture.md).
 
 `analysis`, `pipeline`, `protocols`, `stimuli` and `study_app` are plain names that other installed
 packages, or folders of yours, may have too. The wheel therefore keeps the five in one folder of
@@ -8,13 +11,67 @@ command `metamerlab`, and ``import metamerlab`` at the head of a program, put th
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-__all__ = ["PACKAGES", "main"]
+if TYPE_CHECKING:
+    from analysis.models.preference import preferences as preferences
+    from analysis.models.scaling import scale as scale
+    from analysis.models.thresholds import fit_thresholds as fit_thresholds
+    from analysis.tables.trials import read_trials as read_trials
+    from analysis.tidy import read_sessions as read_sessions
+    from pipeline.compression.codec import compress as compress
+    from pipeline.compression.codec import decompress as decompress
+    from pipeline.foveation.conditions import Foveator as Foveator
+    from pipeline.foveation.conditions import foveate as foveate
+    from pipeline.foveation.geometry import Equirectangular as Equirectangular
+    from pipeline.foveation.geometry import Flat as Flat
+    from pipeline.frame import SourceFrame as SourceFrame
+    from pipeline.gl.context import create_context as create_context
+    from pipeline.methods.registry import fill as fill
+    from pipeline.textures.bake import bake as bake
+    from pipeline.warp.gpu import warp_frame as warp  # noqa: F401 (offered)
+    from protocols.load import load_protocol as load_protocol
+    from stimuli.exr import load_colour as read_picture  # noqa: F401 (offered)
+    from stimuli.exr import save_colour as write_picture  # noqa: F401 (offered)
+    from study_app.cli.calls import build as build
+    from study_app.cli.calls import power as power
+    from study_app.cli.calls import report as report
+    from study_app.cli.calls import score as score
+    from study_app.cli.calls import simulate as simulate
 
 PACKAGES = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
+
+OFFERED = {
+    "Equirectangular": "pipeline.foveation.geometry:Equirectangular",
+    "Flat": "pipeline.foveation.geometry:Flat",
+    "Foveator": "pipeline.foveation.conditions:Foveator",
+    "SourceFrame": "pipeline.frame:SourceFrame",
+    "bake": "pipeline.textures.bake:bake",
+    "build": "study_app.cli.calls:build",
+    "compress": "pipeline.compression.codec:compress",
+    "create_context": "pipeline.gl.context:create_context",
+    "decompress": "pipeline.compression.codec:decompress",
+    "fill": "pipeline.methods.registry:fill",
+    "fit_thresholds": "analysis.models.thresholds:fit_thresholds",
+    "foveate": "pipeline.foveation.conditions:foveate",
+    "load_protocol": "protocols.load:load_protocol",
+    "power": "study_app.cli.calls:power",
+    "preferences": "analysis.models.preference:preferences",
+    "read_picture": "stimuli.exr:load_colour",
+    "read_sessions": "analysis.tidy:read_sessions",
+    "read_trials": "analysis.tables.trials:read_trials",
+    "report": "study_app.cli.calls:report",
+    "scale": "analysis.models.scaling:scale",
+    "score": "study_app.cli.calls:score",
+    "simulate": "study_app.cli.calls:simulate",
+    "warp": "pipeline.warp.gpu:warp_frame",
+    "write_picture": "stimuli.exr:save_colour",
+}
+"""Name that a program writes: where it lies."""
 
 
 def _folder() -> str:
@@ -45,6 +102,18 @@ def _put_first(folder: str) -> None:
 
 
 _put_first(_folder())
+
+
+def __getattr__(name: str) -> object:
+    """Return what is offered under `name`, which is imported now."""
+    if name not in OFFERED:
+        raise AttributeError(f"module 'metamerlab' has no attribute {name!r}")
+    module, _, there = OFFERED[name].partition(":")
+    return getattr(importlib.import_module(module), there)
+
+
+def __dir__() -> list[str]:
+    return sorted((*OFFERED, "main"))
 
 
 def main() -> None:

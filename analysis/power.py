@@ -455,6 +455,9 @@ def first_reaching(participants: Sequence[int], curve: Floats, goal: float) -> i
 
 def _checked(simulation: PowerSimulation[Any], assumed: Mapping[str, float]) -> dict[str, float]:
     """Return a value for every assumption that is made."""
+    known = [one.name for one in simulation.assumptions]
+    if unknown := sorted(set(assumed) - set(known)):
+        raise ValueError(f"assumed must name some of {', '.join(known)} (got {', '.join(unknown)})")
     values = {one.name: assumed.get(one.name, one.value) for one in simulation.assumptions}
     for one in simulation.assumptions:
         if values[one.name] < one.lowest or values[one.name] > one.highest:

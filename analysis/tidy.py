@@ -77,7 +77,7 @@ class TidyTables:
 
 
 def read_sessions(
-    folder: Path, protocol: StudyProtocol, *, progress: Progress | None = None
+    folder: str | Path, protocol: StudyProtocol, *, progress: Progress | None = None
 ) -> TidyTables:
     """Read every journal below `folder` and apply the protocol's exclusion rules.
 
@@ -86,7 +86,7 @@ def read_sessions(
     StudyError
         As `analysis.journals.read_study` says.
     """
-    return tidy_tables(read_study(folder, protocol, progress=progress), protocol)
+    return tidy_tables(read_study(Path(folder), protocol, progress=progress), protocol)
 
 
 def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> TidyTables:

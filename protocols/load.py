@@ -38,12 +38,12 @@ _LONG_KEY = re.compile(
 _RECIPE: TypeAdapter[Any] = TypeAdapter(AnyRecipe)
 
 
-def load_protocol(path: Path, *, recorded: bool = False) -> StudyProtocol:
+def load_protocol(path: str | Path, *, recorded: bool = False) -> StudyProtocol:
     """Read a study protocol.
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
         A TOML file. The name of a study that comes with metamerlab (`demo`) is also taken.
     recorded : bool
         True where the study is that of recorded sessions: keys that were removed since are
@@ -54,7 +54,7 @@ def load_protocol(path: Path, *, recorded: bool = False) -> StudyProtocol:
     StudyError
         With one line per mistake: file, place, what must hold, what was found, the cure.
     """
-    path = _shipped(path, "studies")
+    path = _shipped(Path(path), "studies")
     raw = read_toml(path)
     study = protocol_of(raw, path, recorded=recorded)
     return _with_secret(study, path.with_suffix(SECRET_SUFFIX))

@@ -121,7 +121,7 @@ class WarpInput:
 
 
 def load_colour(
-    path: Path,
+    path: str | Path,
     *,
     transfer: Transfer | None = None,
     clip: bool = False,
@@ -131,7 +131,7 @@ def load_colour(
 
     Parameters
     ----------
-    path : Path
+    path : str or Path
     transfer : Transfer, optional
         Of float files; by default what the file says, or `Transfer.LINEAR`.
     clip : bool
@@ -153,6 +153,7 @@ def load_colour(
         grey), is transparent, is stored turned, or has values that are NaN or outside [0, 1].
         Of an OpenEXR file, further channels are left out.
     """
+    path = Path(path)
     check_fits(path, "read")
     pixels = read_pixels(path)
     if is_layered(path, pixels):
@@ -174,7 +175,7 @@ def is_layered(path: Path, pixels: StoredPixels) -> bool:
     return not {*pixels.channels} <= {*"RGBAYL"} or count_pictures(path) > 1
 
 
-def save_colour(path: Path, colour: NDArray[np.float32], *, bits: int | None = None) -> None:
+def save_colour(path: str | Path, colour: NDArray[np.float32], *, bits: int | None = None) -> None:
     """Write encoded colour: PNG of 8 (default) or 16 bits, or linear OpenEXR of 16 (half) or 32.
 
     Raises
@@ -186,6 +187,7 @@ def save_colour(path: Path, colour: NDArray[np.float32], *, bits: int | None = N
         If the file cannot be written; nothing is left behind then.
     """
     check_colour(colour, "colour")
+    path = Path(path)
     if path.suffix.lower() == ".exr":
         kind = "half" if _chosen_bits(path, bits, (16, 32)) == 16 else "float"
         attributes = {_TRANSFER: Transfer.LINEAR.value, "compression": "zip"}

@@ -31,7 +31,7 @@ def read_decisions(source: Source, mapping: Mapping[str, str] | None = None) -> 
 
     Parameters
     ----------
-    source : Table or Path
+    source : Table, str or Path
     mapping : mapping of our name to the file's column, optional
         Of a path. Needed: ``participant``, ``first`` and ``second`` (the methods compared), and
         ``chosen`` (the method's name, or its place) or ``chose_first`` (1/0). Optional: ``scene``,

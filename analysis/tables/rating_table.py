@@ -24,7 +24,7 @@ def read_ratings(
 
     Parameters
     ----------
-    source : Table or Path
+    source : Table, str or Path
         With ``participant`` and ``rating``; ``scene`` and ``rt_s`` (seconds) if there are.
         Graded comparisons of pairs have ``first`` and ``second`` in place of `by`; their rating
         is the larger the more the first is better, 0 for a tie; or ``chosen`` says which is, or

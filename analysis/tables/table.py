@@ -561,10 +561,10 @@ class Table:
         raise StudyError(f"{self.path}: {wrong}; {cure}")
 
 
-Source = Path | Table
+Source = str | Path | Table
 """A table, or where it lies."""
 
 
 def opened(source: Source, mapping: Mapping[str, str] | None = None) -> Table:
     """Return the table; one that lies in a file is read, with columns of these names."""
-    return source if isinstance(source, Table) else Table(source, mapping)
+    return source if isinstance(source, Table) else Table(Path(source), mapping)

@@ -34,7 +34,7 @@ def read_trials(
 
     Parameters
     ----------
-    source : Table or Path
+    source : Table, str or Path
     mapping : mapping of our name to the file's column, optional
         Of a path. Needed: ``participant``, and ``correct`` (1/0) or both ``expected`` and
         ``answer``. Optional: ``scene``, ``order``, ``rt_s``, ``confidence``. Columns that

@@ -19,7 +19,7 @@ from study_app.cli.terminal import PlainConsole, say, table_of
 if TYPE_CHECKING:
     from protocols.manifest import Manifest
     from stimuli.score.batch import Subjects
-    from stimuli.score.measure_clips import ScoreResults
+    from stimuli.score.measure_clips import ScoreResults, ScoreSettings
 
 
 @dataclass(frozen=True)
@@ -153,11 +153,17 @@ def _views(panorama: bool) -> Iterator[Path | None]:
         yield Path(folder)
 
 
-def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
-    """Score `first`; panoramas by way of flat views in the folder `views`."""
-    from protocols.disk.result_folder import whole_folder
+def subjects_of(
+    options: ScoreOptions, first: Path, views: Path | None
+) -> tuple[Subjects, ScoreSettings]:
+    """Return what is compared, and how; panoramas by way of flat views in the folder `views`.
+
+    Raises
+    ------
+    StudyError
+        If options exclude each other, or a file or folder is none to score.
+    """
     from protocols.manifest import read_manifest
-    from stimuli.batch.executors import cores
     from stimuli.score.batch import subjects_of_batch, subjects_of_two
     from stimuli.score.foveated import (
         METRICS_OF_FOVEATION,
@@ -166,13 +172,10 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
         subjects_of_stills,
     )
     from stimuli.score.measure_clips import ScoreSettings
-    from stimuli.score.measure_clips import score as run
     from stimuli.score.metrics import choose_metrics
-    from stimuli.score.tables import check_focus
     from stimuli.score.viewing_conditions import open_viewing, read_gaze
-    from stimuli.score.write_scores import CACHE_FOLDER, check_out
 
-    second, mask, names, focus = options.second, options.mask, options.metrics, options.focus
+    second, mask, names = options.second, options.mask, options.metrics
     chosen = choose_metrics(None if names is None else [n.strip() for n in names.split(",")])
     settings = ScoreSettings(chosen, open_viewing(options.display), read_gaze(options.gaze))
     if second is None:
@@ -191,19 +194,30 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
         else:
             subjects = subjects_of_batch(first)
         subjects = replace(subjects, labels=_labels(options.protocol, manifest))
-        folder: Path | None = options.out or Path("scores")
     else:
         if options.protocol is not None:
             raise StudyError("--protocol is for a folder of built clips: two clips have no study")
         subjects = subjects_of_two(first, second, mask, options.fps)
-        folder = options.out
         if views is not None:
             subjects, at, viewing = subjects_of_panoramas(subjects, settings.gaze, views)
             chosen = chosen if names is not None else choose_metrics(METRICS_OF_FOVEATION)
             settings = ScoreSettings(chosen, viewing, at)
+    return subjects, settings
+
+
+def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
+    from protocols.disk.result_folder import whole_folder
+    from stimuli.batch.executors import cores
+    from stimuli.score.measure_clips import score as run
+    from stimuli.score.tables import check_focus
+    from stimuli.score.write_scores import CACHE_FOLDER, check_out
+
+    focus = options.focus
+    subjects, settings = subjects_of(options, first, views)
+    folder = options.out or (Path("scores") if options.second is None else None)
     if focus is not None:
         check_focus(focus, list(dict.fromkeys(item.method for item in subjects.items)))
-    reads = [path for path in (first, second, mask) if path is not None]
+    reads = [path for path in (first, options.second, options.mask) if path is not None]
     if folder is not None:
         if folder.absolute().is_relative_to(first.absolute()):
             raise StudyError(
