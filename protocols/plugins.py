@@ -12,7 +12,8 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache, wraps
-from importlib import metadata
+from importlib import import_module, metadata
+from operator import attrgetter
 from types import GenericAlias
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -142,6 +143,15 @@ def _checking(group: str, name: str, own: Any, first: Any) -> Callable[..., Any]
 
     _CHECKING.add(method)
     return method
+
+
+def named(place: str | Callable[..., object]) -> Callable[..., object]:
+    """Return the class or function that ``module:NAME`` names, imported now; another as it is."""
+    if not isinstance(place, str):
+        return place
+    module, _, name = place.partition(":")
+    found: Callable[..., object] = attrgetter(name)(import_module(module))
+    return found
 
 
 def misfit(group: str, name: str, must: str, found: object, place: str = "") -> StudyError:

@@ -12,8 +12,8 @@ from analysis.arrays import Floats
 from analysis.models.cells import checked, conditions, grid
 from analysis.models.contrasts import Difference, paired, pairs_of
 from analysis.models.curves.response import RATE_PRIOR
-from analysis.models.ideal_observer import AbxRule, abx_share
 from analysis.models.numeric import numeric_hessian, two_sided_quantile
+from protocols.answer_rules import answer_rule
 from protocols.errors import count_of
 
 STEP_SCALING, STEP_GAIN = 0.06, 0.2
@@ -77,7 +77,7 @@ class CriticalScaling:
     critical_sd: float
     gain_sd: float
     lapse: float
-    rule: AbxRule
+    rule: str
     law: str
     level: float
     log_likelihood: float
@@ -112,7 +112,7 @@ class CriticalScaling:
 
     def share(self, scaling: Floats) -> Floats:
         """Return the share of right answers at scalings (any shape), of the typical participant."""
-        right = abx_share(self.d_prime(scaling), self.rule)
+        right = answer_rule(self.rule).share(self.d_prime(scaling))
         return np.asarray((1.0 - self.lapse) * right + 0.5 * self.lapse)
 
     def average_share(self, scaling: Floats) -> Floats:
@@ -124,7 +124,7 @@ class CriticalScaling:
         z_s, z_g = (ndtri((np.arange(n) + 0.5) / n) for n in (200, 20))
         critical = self.critical * np.exp(self.critical_sd * z_s)[:, None, None]
         gain = self.gain * np.exp(self.gain_sd * z_g)[None, :, None]
-        right = abx_share(scaling_d_prime(scaling, critical, gain), self.rule)
+        right = answer_rule(self.rule).share(scaling_d_prime(scaling, critical, gain))
         return np.asarray((1.0 - self.lapse) * right.mean(axis=(0, 1)) + 0.5 * self.lapse)
 
 
@@ -140,7 +140,7 @@ def scaling_d_prime(scaling: Floats, critical: Floats | float, gain: Floats | fl
     return np.asarray(gain * np.sqrt(np.maximum(1.0 - (critical / scaling) ** 2, 0.0)))
 
 
-def fit_alone(trials: pd.DataFrame, *, column: str, rule: AbxRule) -> tuple[float, float]:
+def fit_alone(trials: pd.DataFrame, *, column: str, rule: str) -> tuple[float, float]:
     """Return critical scaling and gain of one person, or of all answers as if they were one's.
 
     Notes
@@ -173,7 +173,7 @@ def critical_scaling(
     trials: pd.DataFrame,
     *,
     column: str = "scaling",
-    rule: AbxRule = "differencing",
+    rule: str = "differencing",
     level: float = 0.95,
 ) -> CriticalScaling:
     """Fit critical scaling and gain that vary between participants.
@@ -229,18 +229,7 @@ def critical_scaling(
     alone, gain = fit_alone(rows, column=column, rule=rule)
     start = np.array([np.log(alone), np.log(gain), 0.25, 0.25, -3.0])
     best = np.asarray(scipy.optimize.minimize(loss, start, method="BFGS", options={"gtol": 1e-4}).x)
-    hessian = numeric_hessian(loss, best, step=1e-3)
-    proper = bool(np.all(np.isfinite(hessian))) and bool(np.linalg.eigvalsh(hessian)[0] > 1e-6)
-    limits: list[tuple[float, float] | None] = [None, None]
-    if proper:
-        error = np.sqrt(np.diag(np.linalg.inv(hessian)))
-        reach = float(two_sided_quantile(level, people - 1)) * error
-        # Where the answers hardly bound a logarithm, its limit exceeds every float: infinite.
-        with np.errstate(over="ignore", under="ignore"):
-            limits = [
-                (float(np.exp(best[k] - reach[k])), float(np.exp(best[k] + reach[k])))
-                for k in (0, 1)
-            ]
+    limits = _limits(loss, best, float(two_sided_quantile(level, people - 1)))
     values = joint(best)
     mass = np.exp(values - values.max(axis=(1, 2), keepdims=True))
     mass /= mass.sum(axis=(1, 2), keepdims=True)
@@ -248,14 +237,14 @@ def critical_scaling(
     notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings)
     if people < FEW_PARTICIPANTS:
         notes.append(f"only {count_of(people, 'participant')}: limits are a rough guide")
-    if not proper:
+    if limits is None:
         notes.append("the answers do not bound the model: no limits")
     return CriticalScaling(
         condition="all",
         critical=float(np.exp(best[0])),
-        critical_limits=limits[0],
+        critical_limits=limits and limits[0],
         gain=float(np.exp(best[1])),
-        gain_limits=limits[1],
+        gain_limits=limits and limits[1],
         critical_sd=float(abs(best[2])),
         gain_sd=float(abs(best[3])),
         lapse=float(expit(best[4])),
@@ -273,12 +262,28 @@ def critical_scaling(
     )
 
 
+def _limits(
+    loss: Callable[[Floats], float], best: Floats, quantile: float
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Return the limits of critical scaling and gain; None where the answers do not bound them."""
+    hessian = numeric_hessian(loss, best, step=1e-3)
+    if not np.all(np.isfinite(hessian)) or np.linalg.eigvalsh(hessian)[0] <= 1e-6:
+        return None
+    reach = quantile * np.sqrt(np.diag(np.linalg.inv(hessian)))
+    # Where the answers hardly bound a logarithm, its limit exceeds every float: infinite.
+    with np.errstate(over="ignore", under="ignore"):
+        critical, gain = (
+            (float(np.exp(best[k] - reach[k])), float(np.exp(best[k] + reach[k]))) for k in (0, 1)
+        )
+    return critical, gain
+
+
 def critical_scalings(
     trials: pd.DataFrame,
     by: Sequence[str],
     *,
     column: str = "scaling",
-    rule: AbxRule = "differencing",
+    rule: str = "differencing",
     level: float = 0.95,
 ) -> tuple[tuple[CriticalScaling, ...], tuple[Difference, ...]]:
     """Fit every condition, and compare ln s_c between conditions by participants.
@@ -344,13 +349,13 @@ def _log_likelihood(
     log_s: Floats,
     log_g: Floats,
     lapse: float,
-    rule: AbxRule,
+    rule: str,
 ) -> Floats:
     """Return log-likelihoods (..., nodes of log_s and log_g) of counts (..., scalings)."""
     d = scaling_d_prime(
         scalings, np.exp(log_s)[..., None], np.exp(np.minimum(log_g, 4.0))[..., None]
     )
-    share = (1.0 - lapse) * abx_share(d, rule) + 0.5 * lapse
+    share = (1.0 - lapse) * answer_rule(rule).share(d) + 0.5 * lapse
     share = np.minimum(np.maximum(share, 1e-12), 1.0 - 1e-12)  # `np.clip` takes twice as long
     yes, no = np.log(share), np.log1p(-share)
     return np.asarray(

@@ -1,8 +1,9 @@
 """Sensitivity and bias by detection theory: yes-no, identification, ABX, by condition."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -12,13 +13,6 @@ from analysis.arrays import Floats
 from analysis.models.cells import TrialGrid, checked, conditions, grid
 from analysis.models.clustered import held_p
 from analysis.models.contrasts import Difference
-from analysis.models.ideal_observer import (
-    AbxRule,
-    Correction,
-    abx_d_prime,
-    corrected_share,
-    forced_choice_d_prime,
-)
 from analysis.models.numeric import two_sided_p, two_sided_quantile
 from analysis.models.right_answers import (
     Influence,
@@ -28,6 +22,9 @@ from analysis.models.right_answers import (
     rate,
     rate_contrasts,
 )
+from protocols.answer_rules import AnswerRule
+
+Correction = Literal["log-linear", "none"]
 
 
 @dataclass(frozen=True)
@@ -203,53 +200,39 @@ def yes_no(
     )
 
 
-def identification(
+def discrimination(
     trials: pd.DataFrame,
+    rule: AnswerRule,
     by: Sequence[str] = (),
     *,
-    alternatives: int,
     correction: Correction = "log-linear",
     reference: str | None = None,
     level: float = 0.95,
 ) -> DiscriminationResults:
-    """Return d' of an identification task among m answers, condition by condition.
+    """Return d' of right answers by condition, as a rule takes it from corrected shares.
 
-    Columns and errors are those of `right_answers.correct_rates`; chance is 1 / m.
+    Columns and errors are those of `right_answers.correct_rates`; chance is the rule's.
     """
-    return _discriminate(
-        trials,
-        by,
-        lambda share: forced_choice_d_prime(share, alternatives),
-        1.0 / alternatives,
-        f"{alternatives} alternatives",
-        correction,
-        reference,
-        level,
-    )
-
-
-def abx(
-    trials: pd.DataFrame,
-    by: Sequence[str] = (),
-    *,
-    rule: AbxRule = "differencing",
-    correction: Correction = "log-linear",
-    reference: str | None = None,
-    level: float = 0.95,
-) -> DiscriminationResults:
-    """Return d' of ABX or which-half by condition; corrected as in `ideal_observer.abx_d_prime`.
-
-    Columns and errors are those of `right_answers.correct_rates`; chance is one half.
-    """
-    return _discriminate(
-        trials,
-        by,
-        lambda share: abx_d_prime(share, rule),
-        0.5,
-        f"{rule} rule" if rule == "dual-pair" else f"ABX, {rule} rule",
-        correction,
-        reference,
-        level,
+    rows = checked(trials, ("correct",), by)
+    places = grid(rows)
+    found = []
+    for name, part in conditions(rows, by):
+        correct = rate(part["correct"], places, condition=name, chance=rule.chance, level=level)
+        share = corrected_share(correct.count, correct.trials, rule.chance, correction)
+        # The correction draws towards chance: it must not carry d' past its own limits.
+        share = np.clip(share, correct.lower, correct.upper)
+        d, lower, upper = map(
+            float, rule.d_prime(np.array([float(share), correct.lower, correct.upper]))
+        )
+        notes = list(correct.warnings)
+        if correct.count in (0, correct.trials):
+            notes.append("all answers agree: d' stands on the correction and is a bound")
+        found.append(Discrimination(name, d, lower, upper, correct, tuple(notes)))
+    return DiscriminationResults(
+        conditions=tuple(found),
+        contrasts=rate_contrasts(rows, by, reference=reference, level=level),
+        rule=rule.words,
+        correction=correction,
     )
 
 
@@ -365,34 +348,16 @@ def _z_influence(
         return z, centred / slope[..., None, None], variance
 
 
-def _discriminate(
-    trials: pd.DataFrame,
-    by: Sequence[str],
-    to_d_prime: Callable[[Floats], Floats],
-    chance: float,
-    rule: str,
-    correction: Correction,
-    reference: str | None,
-    level: float,
-) -> DiscriminationResults:
-    rows = checked(trials, ("correct",), by)
-    places = grid(rows)
-    found = []
-    for name, part in conditions(rows, by):
-        correct = rate(part["correct"], places, condition=name, chance=chance, level=level)
-        share = corrected_share(correct.count, correct.trials, chance, correction)
-        # The correction draws towards chance: it must not carry d' past its own limits.
-        share = np.clip(share, correct.lower, correct.upper)
-        d, lower, upper = map(
-            float, to_d_prime(np.array([float(share), correct.lower, correct.upper]))
-        )
-        notes = list(correct.warnings)
-        if correct.count in (0, correct.trials):
-            notes.append("all answers agree: d' stands on the correction and is a bound")
-        found.append(Discrimination(name, d, lower, upper, correct, tuple(notes)))
-    return DiscriminationResults(
-        conditions=tuple(found),
-        contrasts=rate_contrasts(rows, by, reference=reference, level=level),
-        rule=rule,
-        correction=correction,
+def corrected_share(
+    count: Floats | float, total: Floats | float, chance: float, correction: Correction
+) -> Floats:
+    """Return count / total, or with one trial at chance added (`log-linear`, Hautus 1995).
+
+    The correction is for every condition or for none, so that conditions stay comparable.
+    """
+    if correction not in get_args(Correction):
+        raise ValueError(f"correction must be one of {get_args(Correction)} (got {correction!r})")
+    extra = 1.0 if correction == "log-linear" else 0.0
+    return np.asarray(
+        (np.asarray(count, dtype=np.float64) + extra * chance) / (np.asarray(total) + extra)
     )

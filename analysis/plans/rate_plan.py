@@ -4,13 +4,12 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import pandas as pd
 
-from analysis.arrays import Floats
-from analysis.models.ideal_observer import AbxRule, abx_share, forced_choice_share
 from analysis.models.psychometric import CurveForm
 from analysis.parts import AnalysisPlan
 from analysis.plans.table_settings import RateTableSettings, check_contrasts
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.section import AdaptiveLevels
+from protocols.answer_rules import AnswerRule, answer_rule
 from protocols.errors import StudyError, count_of, did_you_mean
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.rates import BETWEEN, TAKEN, RatesAnalysis, name_of
@@ -38,8 +37,8 @@ class RatePlan(RatesAnalysis, AnalysisPlan):
     labels: Mapping[str, str]
     planned_participants: int | None = None
     planned_trials: int | None = None
-    rule: AbxRule = "differencing"
-    """ABX: how participants are taken to decide."""
+    rule: str = "alternatives"
+    """Name of the answer rule, by which participants are taken to decide."""
     guess: float | None
     """Rate of guessing of psychometric functions; None: unknown."""
     log: bool = False
@@ -51,11 +50,10 @@ class RatePlan(RatesAnalysis, AnalysisPlan):
         """Share of right answers by guessing."""
         return 1.0 / self.alternatives
 
-    def right_share(self, d_prime: Floats | float) -> Floats:
-        """Return the share of right answers of an unbiased observer, by d'."""
-        if self.kind in ("abx", "which-half"):
-            return abx_share(d_prime, self.rule)
-        return forced_choice_share(d_prime, self.alternatives)
+    @property
+    def answer_rule(self) -> AnswerRule:
+        """Share of right answers of an unbiased observer by d', and back."""
+        return answer_rule(self.rule, self.alternatives)
 
     @property
     def logarithmic(self) -> bool:

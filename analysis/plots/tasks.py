@@ -12,7 +12,6 @@ from analysis.models.detection import (
     YesNoCondition,
     YesNoResults,
 )
-from analysis.models.ideal_observer import abx_d_prime
 from analysis.models.ordinal import RatingModel
 from analysis.models.right_answers import Rate
 from analysis.plots.style import (
@@ -36,6 +35,7 @@ from analysis.plots.style import (
     row_in,
     share_axis,
 )
+from protocols.answer_rules import answer_rule
 
 Label = Callable[[str], str]
 
@@ -140,11 +140,12 @@ def scaling_plot(
         for number, fit in enumerate(fits):
             colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
             dash = DASHES[number % len(DASHES)]
+            rule = answer_rule(fit.rule)
             x, right, shown = counts[fit.condition]
             share = (right + 0.5) / (shown + 1.0)
             error = np.sqrt(share * (1.0 - share) / shown)
             middle, under, over = (
-                abx_d_prime(np.clip(share + k * error, 0.01, 0.999), fit.rule) for k in (0, -1, 1)
+                rule.d_prime(np.clip(share + k * error, 0.01, 0.999)) for k in (0, -1, 1)
             )
             bottom = min(bottom, float(under.min()))
             axes.errorbar(
@@ -157,7 +158,7 @@ def scaling_plot(
                 ms=3,
                 elinewidth=0.6,
             )
-            curve = abx_d_prime(fit.average_share(fine), fit.rule)
+            curve = rule.d_prime(fit.average_share(fine))
             axes.plot(fine, curve, ls=dash, color=colour, lw=1.8, alpha=0.85)
             name = label(fit.condition)
             axes.plot([], [], ls=dash, color=colour, lw=1.8, marker=marker, ms=3, label=name)

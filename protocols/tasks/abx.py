@@ -30,6 +30,7 @@ class Abx(ComparisonTask):
 
     analysis: ClassVar[type[Analysis]] = AbxAnalysis
     stimuli_per_trial: ClassVar[int] = 3
+    rule: ClassVar[str] = "differencing"
 
     def answers(self) -> tuple[str, ...]:
         """Return the two that X may be."""

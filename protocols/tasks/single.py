@@ -44,6 +44,9 @@ class RightOrWrong(Task):
     """Catch trials. Default: none."""
 
     decides: ClassVar[bool] = True
+    rule: ClassVar[str] = "alternatives"
+    """Answer rule that ties right answers to d': a name in `protocols.answer_rules`, or another as
+    ``module:NAME``. A key `rule` of the analysis goes before."""
 
     @property
     def adaptation(self) -> Adaptive | None:

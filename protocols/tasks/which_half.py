@@ -21,7 +21,7 @@ class WhichHalfAnalysis(RatesAnalysis):
 
     kind: Literal["which-half"]
     rule: Literal["dual-pair"] = "dual-pair"
-    """The participant picks the half that changed more (`analysis.models.ideal_observer`)."""
+    """The participant picks the half that changed more (`protocols.answer_rules`)."""
 
 
 class WhichHalf(ComparisonTask):
@@ -33,6 +33,7 @@ class WhichHalf(ComparisonTask):
 
     analysis: ClassVar[type[Analysis]] = WhichHalfAnalysis
     stimuli_per_trial: ClassVar[int] = 4
+    rule: ClassVar[str] = "dual-pair"
 
     def answers(self) -> tuple[str, ...]:
         """Return the two halves."""

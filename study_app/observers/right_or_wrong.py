@@ -9,16 +9,12 @@ from typing import Self
 
 import numpy as np
 
+from protocols.answer_rules import AnswerRule, answer_rule
 from protocols.plan import PlannedTrial
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.rates import RatesAnalysis, value_of
-from study_app.observers.observer_model import (
-    NORMAL,
-    Decision,
-    ObserverModel,
-    deviation,
-    evidence_of,
-)
+from protocols.tasks.single import RightOrWrong
+from study_app.observers.observer_model import Decision, ObserverModel, deviation, evidence_of
 
 PLAIN = 10.0
 """Sensitivity to catch trials: only lapses miss them."""
@@ -124,7 +120,7 @@ class DetectionModel(SensitivityModel):
 
 @dataclass(frozen=True)
 class DifferenceModel(SensitivityModel):
-    """Two stimuli are told apart by how much they differ (`abx`, `which-half`).
+    """Stimuli are told apart by how much they differ, as the task's answer rule says.
 
     Along a rising level above 0, such as the scaling of pools, sensitivity is 0 up to a critical
     level and ``gain sqrt(1 - critical^2 / level^2)`` above it (Freeman and Simoncelli 2011).
@@ -136,13 +132,15 @@ class DifferenceModel(SensitivityModel):
     sensitivity of `strength` and `slope`."""
     gain: float = 4.0
     """Sensitivity far above the critical level."""
-    deviations: tuple[float, float] = (math.sqrt(2), math.sqrt(6))
-    """Of the two quantities that must have one sign: ABX by differencing."""
+    rule: AnswerRule = field(default_factory=lambda: answer_rule("differencing"))
+    """Rule by which right answers follow from the sensitivity."""
 
     @classmethod
     def of(cls, study: StudyProtocol) -> Self:
         """Return the default population: critical levels in the lower half of those shown."""
-        model = super().of(study)
+        task = study.task
+        assert isinstance(task, RightOrWrong)
+        model = replace(super().of(study), rule=answer_rule(task.rule, len(task.answers())))
         found = [x for x in study.stimuli.values(model.level or "") if isinstance(x, int | float)]
         positive = [float(x) for x in found if x > 0]
         if positive and not getattr(study.analysis, "falling", False):
@@ -152,8 +150,6 @@ class DifferenceModel(SensitivityModel):
                 for place, name in enumerate(model.strength)
             }
             model = replace(model, critical=critical, participant_sd=0.25, scene_sd=0.1)
-        if study.task.kind == "which-half":
-            model = replace(model, deviations=(2.0, 2.0))
         return model
 
     def sensitivity(self, trial: PlannedTrial, seed: int, participant: str) -> float:
@@ -168,7 +164,5 @@ class DifferenceModel(SensitivityModel):
         return self.gain * math.sqrt(max(0.0, 1 - (own / level) ** 2))
 
     def right_probability(self, sensitivity: float) -> float:
-        """Return ``F(d / a) F(d / b) + F(-d / a) F(-d / b)`` (Macmillan and Creelman 2005)."""
-        normal, d_prime = NORMAL.cdf, max(0.0, sensitivity)
-        a, b = (d_prime / width for width in self.deviations)
-        return normal(a) * normal(b) + normal(-a) * normal(-b)
+        """Return the share of right answers by the rule; no sensitivity lies below 0."""
+        return float(self.rule.share(max(0.0, sensitivity)))

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from analysis.models.critical_scaling import scaling_d_prime
-from analysis.models.ideal_observer import AbxRule, abx_share
 from analysis.models.psychometric import Shape, sigmoid
+from protocols.answer_rules import answer_rule
 
 Floats = NDArray[np.float64]
 
@@ -176,7 +176,7 @@ def simulate_abx(
     gain_sd: float = 0.2,
     interaction_sd: float = 0.1,
     lapse: float = 0.02,
-    rule: AbxRule = "differencing",
+    rule: str = "differencing",
 ) -> pd.DataFrame:
     """Return an ABX study by ``scaling``; deviations are of natural logarithms."""
     blocks = []
@@ -186,7 +186,7 @@ def simulate_abx(
         own = shared + interaction_sd * rng.standard_normal(people)
         for scaling in scalings:
             d = scaling_d_prime(np.array(scaling), typical * np.exp(own), gain * np.exp(gains))
-            share = (1.0 - lapse) * abx_share(d, rule) + 0.5 * lapse
+            share = (1.0 - lapse) * answer_rule(rule).share(d) + 0.5 * lapse
             chance = np.broadcast_to(share, (design.participants, design.scenes))
             right = rng.random((*chance.shape, design.repeats)) < chance[..., None]
             blocks.append(_labelled(_block(right, method, scaling=scaling), 2, rng))

@@ -11,8 +11,8 @@ from made_up_trials import (
     simulate_yes_no,
 )
 
-from analysis.models.ideal_observer import abx_share
 from analysis.models.right_answers import rate_contrasts
+from protocols.answer_rules import answer_rule
 
 COLUMNS = {"participant", "scene", "method", "order", "expected", "answer", "correct", "rt_s"}
 
@@ -57,7 +57,7 @@ def test_simulated_shares_are_those_of_the_observers(rng):
     two = simulate_abx(
         design, {"a": 0.2}, rng, scalings=[0.4], critical_sd=0.0, gain_sd=0.0, interaction_sd=0.0
     )
-    share = 0.98 * abx_share(4 * np.sqrt(0.75)) + 0.01
+    share = 0.98 * answer_rule("differencing").share(4 * np.sqrt(0.75)) + 0.01
     assert two["correct"].mean() == pytest.approx(float(share), abs=0.01)
 
 

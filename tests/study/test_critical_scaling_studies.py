@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.models.critical_scaling import critical_scaling
-from analysis.models.ideal_observer import abx_d_prime, abx_share
+from protocols.answer_rules import answer_rule
 from protocols.errors import StudyError
 from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.load import load_study, protocol_of, read_toml, shipped
@@ -142,8 +142,12 @@ def test_dual_pairs_are_told_apart_as_often_as_noise_lets_them(rng):
     for d_prime in (0.5, 1.5, 3.0):
         changed = abs(rng.normal(d_prime, 1, 200_000) - rng.normal(0, 1, 200_000))
         same = abs(rng.normal(0, 1, 200_000) - rng.normal(0, 1, 200_000))
-        assert abx_share(d_prime, "dual-pair") == pytest.approx((changed > same).mean(), abs=0.005)
-        assert abx_d_prime(abx_share(d_prime, "dual-pair"), "dual-pair") == pytest.approx(d_prime)
+        assert answer_rule("dual-pair").share(d_prime) == pytest.approx(
+            (changed > same).mean(), abs=0.005
+        )
+        assert answer_rule("dual-pair").d_prime(
+            answer_rule("dual-pair").share(d_prime)
+        ) == pytest.approx(d_prime)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import pandas as pd
 
 from analysis.arrays import Floats
-from analysis.models.detection import DiscriminationResults, abx, identification
+from analysis.models.detection import DiscriminationResults, discrimination
 from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
 from analysis.parts.correct import RatesPart, curve_mistake, odd_answers
@@ -191,11 +191,11 @@ class DetectionRates(RatesTask):
         return (signal, others[0] if others else f"not {signal}")
 
 
-def _identified(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
-    return identification(
+def _discriminated(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
+    return discrimination(
         rows,
+        plan.answer_rule,
         plan.compared,
-        alternatives=plan.alternatives,
         reference=baseline_in(rows, plan),
         level=plan.confidence,
     )
@@ -207,7 +207,7 @@ class IdentificationRates(RatesTask):
     kind: ClassVar[str] = "identification"
     options: ClassVar[type[Analysis]] = IdentificationTableSettings
     task: ClassVar[str] = "identifications"
-    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(DiscriminationPart(_identified))
+    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(DiscriminationPart(_discriminated))
 
     def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
         """Return the answers, or numbers in their place where the table does not name all.
@@ -231,17 +231,7 @@ class IdentificationRates(RatesTask):
 
     def share_of(self, settings: RatePlan) -> Callable[[Floats], Floats]:
         """Return the chance of picking the right one of m by d'."""
-        return tabulated(settings.right_share)
-
-
-def _matched(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
-    return abx(
-        rows,
-        plan.compared,
-        rule=plan.rule,
-        reference=baseline_in(rows, plan),
-        level=plan.confidence,
-    )
+        return tabulated(settings.answer_rule.share)
 
 
 class AbxRates(RatesTask):
@@ -251,7 +241,7 @@ class AbxRates(RatesTask):
     options: ClassVar[type[Analysis]] = AbxTableSettings
     task: ClassVar[str] = "ABX answers"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(
-        DiscriminationPart(_matched, sides=True), levels=(CriticalPart(),)
+        DiscriminationPart(_discriminated, sides=True), levels=(CriticalPart(),)
     )
     named: ClassVar[tuple[str, str]] = ("a", "b")
     """The task's answers."""
@@ -266,7 +256,7 @@ class AbxRates(RatesTask):
 
     def share_of(self, settings: RatePlan) -> Callable[[Floats], Floats]:
         """Return the chance of a right answer by d', by the study's decision rule."""
-        return tabulated(settings.right_share)
+        return tabulated(settings.answer_rule.share)
 
 
 class WhichHalfRates(AbxRates):

@@ -19,14 +19,8 @@ from scipy.special import ndtr
 from yes_no_table import of_table
 
 from analysis.models.clustered import two_way_influence
-from analysis.models.detection import abx, d_prime_influence, identification, yes_no
-from analysis.models.ideal_observer import (
-    abx_d_prime,
-    abx_share,
-    corrected_share,
-    forced_choice_d_prime,
-    forced_choice_share,
-)
+from analysis.models.detection import corrected_share, d_prime_influence, discrimination, yes_no
+from protocols.answer_rules import Alternatives, answer_rule
 
 R = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_tasks.json").read_text())
 SIGNAL = "inconsistent"
@@ -37,20 +31,22 @@ SPREADS = ((0.0, 0.0, 0.0, 0.0), (0.4, 0.4, 0.0, 0.4), (0.4, 0.4, 0.4, 0.4), (0.
 def test_alternatives_equal_rs_integral():
     d = np.array([-0.5, 0, 0.5, 1, 2, 4])
 
-    np.testing.assert_allclose(forced_choice_share(d, 3), R["alternatives_3"], atol=1e-9)
-    np.testing.assert_allclose(forced_choice_share(d, 8), R["alternatives_8"], atol=1e-9)
-    np.testing.assert_allclose(forced_choice_d_prime(forced_choice_share(d, 8), 8), d, atol=1e-6)
+    np.testing.assert_allclose(Alternatives(3).share(d), R["alternatives_3"], atol=1e-9)
+    np.testing.assert_allclose(Alternatives(8).share(d), R["alternatives_8"], atol=1e-9)
+    np.testing.assert_allclose(Alternatives(8).d_prime(Alternatives(8).share(d)), d, atol=1e-6)
 
 
 def test_two_alternatives_by_hand():
-    assert forced_choice_share(1.0, 2) == pytest.approx(stats.norm.cdf(1 / np.sqrt(2)))
-    assert forced_choice_d_prime(0.76, 2) == pytest.approx(np.sqrt(2) * stats.norm.ppf(0.76))
+    assert Alternatives(2).share(1.0) == pytest.approx(stats.norm.cdf(1 / np.sqrt(2)))
+    assert Alternatives(2).d_prime(0.76) == pytest.approx(np.sqrt(2) * stats.norm.ppf(0.76))
 
 
 def test_abx_differencing_equals_rs_integral():
     d = np.array([0, 0.5, 1, 2, 4])
 
-    np.testing.assert_allclose(abx_share(d), R["abx_differencing"], atol=1e-9)
+    np.testing.assert_allclose(
+        answer_rule("differencing").share(d), R["abx_differencing"], atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("rule", ["differencing", "independent"])
@@ -68,20 +64,20 @@ def test_abx_observers_who_see_noise_answer_as_the_formula_says(rng, proof_count
 
     share = np.mean(says_a[rule] == is_a)
 
-    assert share == pytest.approx(abx_share(d, rule), abs=4 * np.sqrt(0.25 / trials))
+    assert share == pytest.approx(answer_rule(rule).share(d), abs=4 * np.sqrt(0.25 / trials))
 
 
 @pytest.mark.parametrize("rule", ["differencing", "independent"])
 def test_abx_d_prime_is_the_inverse_and_keeps_the_sign(rule):
     d = np.array([-3.0, -0.4, 0.0, 0.4, 3.0])
 
-    np.testing.assert_allclose(abx_d_prime(abx_share(d, rule), rule), d, atol=1e-6)
+    np.testing.assert_allclose(answer_rule(rule).d_prime(answer_rule(rule).share(d)), d, atol=1e-6)
 
 
 def test_signed_d_prime_of_noise_averages_to_nothing_where_the_folded_one_does_not(rng):
     """At d' = 0 the size of d' follows a folded law, like Rice's."""
     shares = corrected_share(rng.binomial(120, 0.5, 4000).astype(float), 120, 0.5, "log-linear")
-    d = abx_d_prime(shares)
+    d = answer_rule("differencing").d_prime(shares)
 
     assert abs(np.mean(d)) < 0.05
     assert np.mean(np.abs(d)) > 0.5
@@ -89,9 +85,9 @@ def test_signed_d_prime_of_noise_averages_to_nothing_where_the_folded_one_does_n
 
 def test_unknown_rules_and_corrections_are_refused():
     with pytest.raises(ValueError, match="differencing"):
-        abx_share(1.0, "difference")
+        answer_rule("difference").share(1.0)
     with pytest.raises(ValueError, match="at least 2"):
-        forced_choice_share(1.0, 1)
+        Alternatives(1).share(1.0)
     with pytest.raises(ValueError, match="log-linear"):
         corrected_share(1.0, 2.0, 0.5, "none at all")
 
@@ -285,11 +281,11 @@ def test_identification_recovers_d_prime_and_its_limits_are_those_of_the_share(r
     rows = simulate_identification(
         TaskDesign(10, 4, 8), {"ours": 0.0}, rng, levels=[0.6], width=3.0, alternatives=4, lapse=0.0
     )
-    one = identification(rows, ("method",), alternatives=4)["ours"]
+    one = discrimination(rows, Alternatives(4), ("method",))["ours"]
     share = 0.25 + 0.75 * stats.norm.cdf(0.6 / 3.0 * 2 * stats.norm.ppf(0.95))
 
-    assert one.lower < forced_choice_d_prime(share, 4) < one.upper
-    assert one.lower == pytest.approx(float(forced_choice_d_prime(one.correct.lower, 4)))
+    assert one.lower < Alternatives(4).d_prime(share) < one.upper
+    assert one.lower == pytest.approx(float(Alternatives(4).d_prime(one.correct.lower)))
     assert one.correct.chance == 0.25
 
 
@@ -297,19 +293,22 @@ def test_abx_says_nothing_was_seen_exactly_where_the_share_says_so(rng):
     rows = simulate_abx(
         TaskDesign(10, 1, 20), {"v1": 0.2}, rng, scalings=[0.1, 0.5], critical_sd=0.0
     )
-    found = abx(rows, ("scaling",))
+    found = discrimination(rows, answer_rule("differencing"), ("scaling",))
 
     for one in found.conditions:
         assert (one.lower <= 0 <= one.upper) == (one.correct.p >= 0.05)
     assert found["0.5"].lower > 1
     assert found.contrasts[0].upper < 0
     assert found.rule == "ABX, differencing rule"
-    assert abx(rows, ("scaling",), rule="independent")["0.5"].d_prime < found["0.5"].d_prime
+    assert (
+        discrimination(rows, answer_rule("independent"), ("scaling",))["0.5"].d_prime
+        < found["0.5"].d_prime
+    )
 
 
 def test_all_right_in_abx_is_a_bound_and_not_infinite():
     rows = pd.DataFrame({"participant": np.repeat(list("abcdefg"), 10), "scene": "x", "correct": 1})
-    one = abx(rows)["all"]
+    one = discrimination(rows, answer_rule("differencing"))["all"]
 
     assert np.isfinite(one.d_prime)
     assert one.upper == np.inf

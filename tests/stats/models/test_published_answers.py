@@ -18,7 +18,6 @@ from yes_no_table import of_table
 from analysis.models.bootstrap import bootstrap_scores
 from analysis.models.clustered import holm, participant_t, sign_flip_floor
 from analysis.models.consistency import agreement, circular_triads, transitivity
-from analysis.models.ideal_observer import forced_choice_d_prime
 from analysis.models.logistic import glm_logit, glmm_logit
 from analysis.models.mixed.glmm import fit_crossed
 from analysis.models.mixed.logit import fit_logit, information
@@ -29,6 +28,7 @@ from analysis.models.psychometric import CurveForm, fit_psychometric
 from analysis.models.scaling import scale
 from analysis.report.wording import share
 from analysis.tables.decisions import read_decisions
+from protocols.answer_rules import Alternatives
 
 Reader = Callable[..., pd.DataFrame]
 Answers = dict[str, Any]
@@ -547,11 +547,11 @@ def test_discrimination(expected: Answers):
     assert yes_no.standard_error == pytest.approx(answer["AnotA(10,20,3,20)"]["se"], **CLOSE)
     rated = of_table(8, 17, 1, 24).d_prime
     assert rated.value == pytest.approx(answer["SDT 8/25,1/25 d"], **CLOSE)
-    d, above = forced_choice_d_prime(np.array([10 / 15, 10 / 15 + 1e-6]), 2)
+    d, above = Alternatives(2).d_prime(np.array([10 / 15, 10 / 15 + 1e-6]))
     error = np.sqrt(10 * 5 / 15**3) * (above - d) / 1e-6
     assert d == pytest.approx(answer["discrim 2AFC 10/15"]["d"], **CLOSE)
     assert error == pytest.approx(answer["discrim 2AFC 10/15"]["se"], **CLOSE)
-    assert forced_choice_d_prime(0.8, 2) == pytest.approx(answer["psyinv(.8,2AFC)"], **CLOSE)
+    assert Alternatives(2).d_prime(0.8) == pytest.approx(answer["psyinv(.8,2AFC)"], **CLOSE)
     table = pd.DataFrame({"group": [1] * 25 + [0] * 25, "y": [1] * 8 + [0] * 17 + [1] + [0] * 24})
     slope = glm_logit("y ~ group", table)["group"]
     assert slope.estimate == pytest.approx(answer["logit d"], **CLOSE)

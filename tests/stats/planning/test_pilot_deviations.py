@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from scipy.special import ndtr, ndtri
 
-from analysis.models.ideal_observer import abx_share, forced_choice_share
 from analysis.pilot import sensitivity_deviations, threshold_deviations
 from analysis.tasks import analysis_of
+from protocols.answer_rules import Alternatives, answer_rule
 from protocols.errors import StudyError
 
 CONDITIONS = ("blur", "ours")
@@ -61,8 +61,8 @@ def test_yes_and_no_tell_how_d_prime_and_criterion_differ(rng):
 @pytest.mark.parametrize(
     ("kind", "share", "options"),
     [
-        ("identification", lambda d: forced_choice_share(d, 4), {"alternatives": 4}),
-        ("abx", lambda d: abx_share(d, "differencing"), {}),
+        ("identification", lambda d: Alternatives(4).share(d), {"alternatives": 4}),
+        ("abx", lambda d: answer_rule("differencing").share(d), {}),
     ],
 )
 def test_right_answers_tell_how_d_prime_differs(rng, kind, share, options):

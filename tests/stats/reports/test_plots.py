@@ -26,7 +26,7 @@ from matplotlib.transforms import Bbox
 from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.compared_methods import counts, pairing_rows
 from analysis.models.critical_scaling import critical_scalings
-from analysis.models.detection import identification, yes_no
+from analysis.models.detection import discrimination, yes_no
 from analysis.models.mixed.deviations import EffectLevel
 from analysis.models.order_and_side import Bias, order_bias, side_bias
 from analysis.models.ordinal import rating_model
@@ -62,6 +62,7 @@ from analysis.plots.tasks import interaction_plot, ratings_plot
 from analysis.plots.trial_plots import caterpillar_plot
 from analysis.power import power
 from analysis.tasks import analysis_of
+from protocols.answer_rules import Alternatives
 
 LABELS = {
     "metameric": "Metameric (ours)",
@@ -128,7 +129,7 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     named = simulate_identification(
         sizes, {"blur": 0.0, "ours": 0.5}, rng, levels=[-1.0, 0.0, 1.0], width=2.0, alternatives=4
     )
-    told = identification(named, ("method",), alternatives=4)
+    told = discrimination(named, Alternatives(4), ("method",))
     matched = simulate_abx(
         TaskDesign(5, 1, 12), {"v1": 0.2, "luminance": 0.1}, rng, scalings=[0.06, 0.12, 0.25, 0.5]
     )

@@ -15,7 +15,7 @@ from made_up_trials import (
 )
 
 from analysis.models.critical_scaling import critical_scaling
-from analysis.models.detection import abx, identification, yes_no
+from analysis.models.detection import discrimination, yes_no
 from analysis.models.logistic import glm_logit
 from analysis.models.right_answers import correct_rates
 from analysis.models.thresholds import fit_thresholds
@@ -32,6 +32,7 @@ from analysis.parts.sensitivity import (
     methods_yes_no,
 )
 from analysis.parts.shared import apa_difference
+from protocols.answer_rules import Alternatives, answer_rule
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +80,7 @@ def test_a_difference_says_which_way_and_how_it_was_adjusted(told):
         levels=[0.0],
         width=2.0,
     )
-    three = identification(rows, ("method",), alternatives=2).contrasts
+    three = discrimination(rows, Alternatives(2), ("method",)).contrasts
     assert any("Holm-adjusted" in apa_difference(one) for one in three)
 
 
@@ -92,7 +93,7 @@ def test_abx_says_its_rule_and_an_endless_limit():
         gain=30.0,
         lapse=0.0,
     )
-    found = abx(rows, ("scaling",), rule="independent")
+    found = discrimination(rows, answer_rule("independent"), ("scaling",))
     text = apa_discrimination(found["0.9"], found.rule)
 
     assert "ABX, independent rule" in text
