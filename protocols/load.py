@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
@@ -138,8 +138,8 @@ def _one_kind(raw: dict[str, object], problems: list[Problem]) -> list[Problem]:
     known = TASKS.get(kind) if isinstance(kind, str) else None
     if known is None:
         return problems
-    (wanted,) = get_args(known.analysis.model_fields["kind"].annotation)
-    kinds = [get_args(t.analysis.model_fields["kind"].annotation)[0] for t in TASKS.values()]
+    wanted = known.task.analysis.own_kind()
+    kinds = [each.task.analysis.own_kind() for each in TASKS.values()]
     if analysis["kind"] == wanted or analysis["kind"] not in kinds:
         return problems
     found = f"must be {wanted!r} for the task {task['kind']!r} (got {analysis['kind']!r})"

@@ -21,7 +21,7 @@ import pytest
 import typer
 
 from analysis.journals import read_study
-from analysis.tasks import ANALYSES, analysis_of
+from analysis.tasks import KINDS, analysis_of
 from pipeline.errors import InputError
 from pipeline.methods.registry import _with_plugins
 from protocols.errors import Problem, StudyError
@@ -30,7 +30,7 @@ from protocols.plugins import check_methods
 from protocols.tasks.base import Arrangement, Cell, Task
 from study_app.cli.error_messages import user_errors
 from study_app.gaze.open_source import ADAPTERS, open_gaze
-from study_app.observers import OBSERVERS, default_model
+from study_app.observers import MAKERS, default_model
 from study_app.simulate import SimulatedStudy, simulate_study
 
 
@@ -178,8 +178,8 @@ def test_a_task_of_another_kind_than_its_entry_is_named(installed):
 @pytest.mark.parametrize(
     ("call", "registry", "key", "must"),
     [
-        (lambda: default_model(DEMO), OBSERVERS, "two-interval", "return a model"),
-        (lambda: analysis_of("preference"), ANALYSES, "preference", "give an"),
+        (lambda: default_model(DEMO), MAKERS, "two-interval", "return a model"),
+        (lambda: analysis_of("preference"), KINDS, "preference", "give an"),
         (lambda: open_gaze("mouse:", None), ADAPTERS, "mouse", "return a source with open, info"),
     ],
 )  # fmt: skip
@@ -190,7 +190,7 @@ def test_a_plug_in_that_returns_something_else_is_named(monkeypatch, call, regis
 
 
 def test_an_error_in_a_plug_in_is_not_taken_for_its_absence(monkeypatch):
-    monkeypatch.setitem(OBSERVERS, "two-interval", lambda _study: {}["its own"])
+    monkeypatch.setitem(MAKERS, "two-interval", lambda _study: {}["its own"])
     with pytest.raises(KeyError, match="its own"):
         default_model(DEMO)
 

@@ -6,45 +6,29 @@ asks them if a design can find anything at all.
 """
 
 from collections.abc import Callable, Mapping
-from importlib import import_module
-from typing import get_args
 
 import numpy as np
 
 from analysis.showable import two_scenes
 from analysis.tasks.base import AnyAnalysis, TaskAnalysis
 from protocols.errors import StudyError, must_be_one_of
-from protocols.plugins import misfit, registered, taking
+from protocols.plugins import misfit, named, registered, taking
 from protocols.study_file.schema import StudyProtocol
-from protocols.tasks.task_kinds import TASKS
+from protocols.tasks.task_kinds import SHIPPED, TASKS
 
-
-def _shipped(module: str, name: str) -> Callable[[], AnyAnalysis]:
-    def load() -> AnyAnalysis:
-        made: AnyAnalysis = getattr(import_module(f"analysis.tasks.{module}"), name)()
-        return made
-
-    return load
-
-
-ANALYSES: Mapping[str, Callable[[], AnyAnalysis]] = registered(
+TABLE_TASKS = ("ratings", "reaction", "psychometric")
+"""Kinds of analysis by which tables may name a task, as well as by the task's own name."""
+KINDS: Mapping[str, str | Callable[..., object]] = registered(
     "analyses",
     {
-        "preference": _shipped("preference", "PreferenceOfPairs"),
-        "detection": _shipped("rates", "DetectionRates"),
-        "identification": _shipped("rates", "IdentificationRates"),
-        "abx": _shipped("rates", "AbxRates"),
-        "which-half": _shipped("rates", "WhichHalfRates"),
-        "ratings": _shipped("rating_analysis", "RatingsTask"),
-        "psychometric": _shipped("rates", "TableOfLevels"),
-        "reaction": _shipped("time_tables", "TableOfTimes"),
+        **{kind.task.analysis.own_kind(): kind.analysis for kind in SHIPPED.values()},
+        "psychometric": "analysis.tasks.rates:TableOfLevels",
+        "reaction": "analysis.tasks.time_tables:TableOfTimes",
     },
     "name a function or class without arguments that gives a TaskAnalysis",
     taking(0),
 )
-
-TABLE_TASKS = ("ratings", "reaction", "psychometric")
-"""Kinds of analysis by which tables may name a task, as well as by the task's own name."""
+"""Makers of analyses by kind; one that ships is named, and imported when it is asked for."""
 
 
 def analysis_of(kind: str) -> AnyAnalysis:
@@ -55,12 +39,12 @@ def analysis_of(kind: str) -> AnyAnalysis:
     StudyError
         If nobody wrote it.
     """
-    if kind not in ANALYSES:
+    if kind not in KINDS:
         raise StudyError(
-            f"analysis {kind!r}: must be one of {', '.join(ANALYSES)}; the package that adds the"
+            f"analysis {kind!r}: must be one of {', '.join(KINDS)}; the package that adds the"
             " task can add its analysis"
         )
-    made = ANALYSES[kind]()
+    made = named(KINDS[kind])()
     if not isinstance(made, TaskAnalysis):
         raise misfit("analyses", kind, "give an analysis.tasks.base.TaskAnalysis", made)
     return made
@@ -74,13 +58,11 @@ def analysis_of_task(task: str) -> AnyAnalysis:
     StudyError
         If there is no such task.
     """
-    known = (*TASKS, *TABLE_TASKS)
     if task in TABLE_TASKS:
         return analysis_of(task)
     if task not in TASKS:
-        raise StudyError(must_be_one_of("task", task, known))
-    field = TASKS[task].analysis.model_fields["kind"]
-    return analysis_of(str(get_args(field.annotation)[0]))
+        raise StudyError(must_be_one_of("task", task, (*TASKS, *TABLE_TASKS)))
+    return analysis_of(TASKS[task].task.analysis.own_kind())
 
 
 def planning_notes(study: StudyProtocol) -> list[str]:

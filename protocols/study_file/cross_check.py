@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import get_args
 
 from protocols.errors import Problem, did_you_mean
 from protocols.recipes.base import Recipe
@@ -195,15 +194,15 @@ def _task_rules(
                     f" (got {', '.join(texts.answers)})",
                 )
     if isinstance(analysis, Analysis) and not isinstance(analysis, task.analysis):
-        wanted = task.analysis.model_fields["kind"].annotation
         yield Problem(
             "analysis.kind",
-            f"must be {get_args(wanted)[0]!r} for the task {task.kind!r} (got {analysis.kind!r})",
+            f"must be {task.analysis.own_kind()!r} for the task {task.kind!r}"
+            f" (got {analysis.kind!r})",
         )
     if task.confidence is not None and task.decides:
         yield from task.confidence.problems(response, text)
     elif task.confidence is not None:
-        having = ", ".join(kind for kind, known in TASKS.items() if known.decides)
+        having = ", ".join(kind for kind, known in TASKS.items() if known.task.decides)
         yield Problem(
             "task.confidence",
             f"must be left out for the task {task.kind!r}, whose answers are no decisions that one"

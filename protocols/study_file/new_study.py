@@ -1,8 +1,8 @@
 """The files of a new study: templates, with every key explained from the schema itself.
 
-A study is composed of what all studies have (``study.toml``), a recipe's part and a task's part:
-``#@ NAME`` stands for a section of a part, which begins with the same line there, and ``#+ NAME``
-in a part for another section of the parts, or of ``shared.toml``. What is composed is valid TOML
+A study is composed of what all studies have (``study.toml``), a recipe's part and a task's part.
+``#@ NAME`` begins a section of a part; ``#@ NAME`` in ``study.toml``, and ``#+ NAME`` anywhere,
+stands for that section, else for the one of ``shared.toml``. What is composed is valid TOML
 with ``@WORD@`` for what differs between studies. Above the first use of each key come its meaning,
 type and default, taken from the models that read the file, so that comments and program cannot
 drift apart. A line ``#? key = value`` is a key that may be left out, and ``#? [header]`` a section
@@ -18,8 +18,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, get_args, get_origin
+from typing import Any, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -32,49 +31,47 @@ from protocols.limits import FIXED
 from protocols.load import load_display, protocol_of, with_tuples
 from protocols.study_file.own_stimuli import OwnStimuli
 from protocols.study_file.schema import StudyProtocol
+from protocols.tasks.single import RightOrWrong
+from protocols.tasks.task_kinds import TASKS
 from protocols.units import NAME_PATTERN
 
 FOLDERS = ("clips", "sessions", "report")
-PARTS: dict[str, tuple[str, str]] = {
-    "two-interval": ("warped-clips", "scenes"),
-    "two-alternative": ("warped-clips", "scenes"),
-    "yes-no": ("files", "pictures"),
-    "identification": ("files", "pictures"),
-    "abx": ("files", "pictures"),
-    "which-half": ("files", "pictures"),
-    "rating": ("files", "pictures"),
+TEMPLATES = tuple(name for name, kind in TASKS.items() if kind.recipe)
+"""Tasks that a new study may have."""
+_FOVEATED = "foveated-images"  # the recipe that photographs become
+
+
+class Start(NamedTuple):
+    """Beginning of a new study, by its recipe."""
+
+    folder: str
+    """Folder of its inputs."""
+    inputs: str
+    """Rows on these in the README's table."""
+    catch_min_share: float = 0.5
+    """Of six catch trials. A plain right answer leaves room for one slip. A preference, even a
+    plain one, is an opinion: only who mostly prefers the worse is left out."""
+    power: str = "metamerlab analysis power study.toml --rate 0.65"
+
+
+_STARTS = {
+    "warped-clips": Start("scenes", "| `scenes/` | 3D files and pictures of your own |"),
+    "files": Start(
+        "pictures",
+        "| `stimuli.csv` | a line per picture or video: its name, its file, what it shows |\n"
+        "| `pictures/` | the files: some to start from, to be replaced by yours |",
+        0.75,
+        "metamerlab analysis power study.toml",
+    ),
+    _FOVEATED: Start("pictures", "| `pictures/` | your photographs |"),
 }
-"""Tasks that a new study may have: the recipe that each starts from, and its folder of inputs."""
-PICTURES = {
-    "yes-no": "Here: a grating, or none, in fine or coarse noise.",
-    "identification": "Here: thick and thin rings with a gap on one of four sides.",
-    "abx": "Here: fine and coarse textures, sharp (the standard) and blurred.",
-    "which-half": "Here: fine and coarse textures, sharp (the standard) and blurred.",
-    "rating": "Here: fine and coarse textures, sharp and blurred.",
-}
-FOVEATED = ("foveated-images", "pictures")
-"""The recipe that photographs become, and their folder."""
-CATCH_MIN_SHARE = {"warped-clips": 0.5, "files": 0.75, FOVEATED[0]: 0.5}
-"""Of six catch trials, by recipe. A plain right answer leaves room for one slip. A preference, even
-a plain one, is an opinion: only who mostly prefers the worse is left out."""
 WANTED_FPS = 30.0
 _LOOKED_AT = ("two-interval",)  # tasks that show stills where the eye looks
 _WIDTH = 96
 PICTURE_PX = 128
 """Edge of the pictures that a study of `files` starts from."""
 _TAGS = ("kind", "rule")
-_INPUTS = {
-    "warped-clips": "| `scenes/` | 3D files and pictures of your own |",
-    "files": "| `stimuli.csv` | a line per picture or video: its name, its file, what it shows |\n"
-    "| `pictures/` | the files: some to start from, to be replaced by yours |",
-    FOVEATED[0]: "| `pictures/` | your photographs |",
-}
-_POWER = {
-    **dict.fromkeys(
-        ("warped-clips", FOVEATED[0]), "metamerlab analysis power study.toml --rate 0.65"
-    ),
-    "rating": "# Power of ratings cannot be simulated yet: plan by a pilot.",
-}
+_SECTION = re.compile(r"^#[@+] (\w+)$", flags=re.M)
 _HEADER = re.compile(r"(#\? )?\[\[?([\w.]+)\]\]?$")
 _KEY = re.compile(r"(#\? )?(\w+) = ")
 
@@ -98,7 +95,7 @@ def study_files(
     display : Display
         The display to start from.
     task : str
-        One of `PARTS`.
+        One of `TEMPLATES`.
     secret : str, optional
         Also seeds the order of trials; left out: the order follows from the code.
     own : OwnStimuli, optional
@@ -110,27 +107,59 @@ def study_files(
         If there is no such task, with the nearest name; or it shows no scenes, and `own` has some;
         or it shows none in the middle of the gaze, and `own` has photographs.
     """
-    if task not in PARTS:
-        raise StudyError(must_be_one_of("--task:", task, PARTS))
-    recipe, _ = PARTS[task]
     own = own or OwnStimuli()
-    replaced = own.sections()
+    recipe = _recipe(task, own)
+    sections = {**_sections("shared"), **_sections(task), **_sections(recipe), **own.sections()}
+    study = _composed(_template("study.toml"), sections)
+    written = _toml(study)
+    words = _words(name, title, display, own) | _words_of(task, recipe, written, sections)
+    study, screen, readme = (
+        re.sub(r"@(\w+)@", lambda use: str(words[use[1]]), text)
+        for text in (study, _template("display.toml"), _template("README.md"))
+    )
+    if secret is not None:
+        digest = sha256_bytes(secret.encode())
+        study = study.replace("[privacy]\n", f'[privacy]\nsecret_sha256 = "{digest}"\n')
+    return {
+        "study.toml": explained(study, StudyProtocol),
+        "display.toml": explained(screen, Display),
+        "README.md": readme,
+        "schemas/study.schema.json": schema_text("study"),
+        "schemas/display.schema.json": schema_text("display"),
+    } | ({} if secret is None else {"study.secret": f"{secret}\n", ".gitignore": "*.secret\n"})
+
+
+def inputs_folder(task: str, own: OwnStimuli) -> str:
+    """Return the folder of a new study's inputs."""
+    return _STARTS[_recipe(task, own)].folder
+
+
+def _recipe(task: str, own: OwnStimuli) -> str:
+    """Return the recipe of a new study."""
+    if task not in TEMPLATES:
+        raise StudyError(must_be_one_of("--task:", task, TEMPLATES))
+    recipe = TASKS[task].recipe
     if own.stills_px is not None:
         if task not in _LOOKED_AT:
             raise StudyError(
                 f"--task: must be {' or '.join(_LOOKED_AT)} where photographs are given (got"
                 f" {task!r}, which shows none where the eye looks)"
             )
-        recipe = FOVEATED[0]
-    elif replaced and recipe != "warped-clips":
-        of_scenes = [name for name, (kind, _) in PARTS.items() if kind == "warped-clips"]
+        return _FOVEATED
+    if own.sections() and recipe != "warped-clips":
+        of_scenes = [name for name in TEMPLATES if TASKS[name].recipe == "warped-clips"]
         raise StudyError(
             f"--task: must be {' or '.join(of_scenes)} where scenes or methods are given (got"
             f" {task!r}, which starts from pictures and their table)"
         )
+    return recipe
+
+
+def _words(name: str, title: str, display: Display, own: OwnStimuli) -> dict[str, object]:
+    """Return the values of ``@WORD@`` in every template: the study, its display, its clips."""
     fps = clip_fps(display.refresh_hz)
     frames = round(fps) if own.clips is None else own.clips.frames
-    words: dict[str, object] = {
+    return {
         **own.words(),
         "NAME": name,
         "TITLE": title,
@@ -145,47 +174,38 @@ def study_files(
         "FPS": fps,
         "DURATION_S": whole_frames_s(frames, fps),
         "PICTURE_PX": PICTURE_PX,
-        "PICTURES": PICTURES.get(task, ""),
-        "TASK": task,
-        "INPUTS": _INPUTS[recipe],
-        "CATCH_MIN_SHARE": CATCH_MIN_SHARE[recipe],
-        "POWER": _POWER.get(task, _POWER.get(recipe, "metamerlab analysis power study.toml")),
     }
 
-    def made(file: str, model: type[BaseModel] | None = None) -> str:
-        text = composed(task, recipe, replaced) if file == "study.toml" else _template(file)
-        for word, value in words.items():
-            text = text.replace(f"@{word}@", str(value))
-        if file == "study.toml" and secret is not None:
-            digest = sha256_bytes(secret.encode())
-            text = text.replace("[privacy]\n", f'[privacy]\nsecret_sha256 = "{digest}"\n')
-        return text if model is None else explained(text, model)
 
+def _words_of(
+    task: str, recipe: str, study: Mapping[str, Any], sections: Mapping[str, str]
+) -> dict[str, object]:
+    """Return the values of ``@WORD@`` that differ between tasks and recipes."""
+    from protocols.answer_rules import answer_rule  # completion of names does without scipy
+
+    kind, start = TASKS[task].task, _STARTS[recipe]
+    answers = len(study["text"]["languages"]["en"]["answers"])
+    guess = answer_rule(kind.rule, answers).chance if issubclass(kind, RightOrWrong) else 0.0
     return {
-        "study.toml": made("study.toml", StudyProtocol),
-        "display.toml": made("display.toml", Display),
-        "README.md": made("README.md"),
-        "schemas/study.schema.json": schema_text("study"),
-        "schemas/display.schema.json": schema_text("display"),
-    } | ({} if secret is None else {"study.secret": f"{secret}\n", ".gitignore": "*.secret\n"})
+        "TASK": task,
+        "INPUTS": start.inputs,
+        "CATCH_MIN_SHARE": start.catch_min_share,
+        "POWER": sections.get("power", start.power),
+        "SIDE": "fixed" if kind.sided or answers > 2 else "by-participant",
+        "GUESS": guess,
+    }
 
 
-def composed(task: str, recipe: str, replaced: Mapping[str, str] = MappingProxyType({})) -> str:
-    """Return the template of a study with a task's and a recipe's part; `replaced` goes before."""
-    sections = _sections(f"parts/{task}.toml") | _sections(f"parts/{recipe}.toml")
-    lines = [
-        sections[line.removeprefix("#@ ")] if line.startswith("#@ ") else line
-        for line in _template("study.toml").splitlines()
-    ]
-    shared = {**_sections("parts/shared.toml"), **sections, **replaced}
-    text = re.sub(r"^#\+ (\w+)$", lambda use: shared[use[1]], "\n".join(lines), flags=re.M) + "\n"
-    _check(text)
+def _composed(text: str, sections: Mapping[str, str]) -> str:
+    """Return a template with the sections that it names, and those that they name."""
+    while (filled := _SECTION.sub(lambda use: sections[use[1]], text)) != text:
+        text = filled
     return text
 
 
-def _sections(name: str) -> dict[str, str]:
+def _sections(part: str) -> dict[str, str]:
     """Return the sections of a part by name."""
-    parts = re.split(r"^#@ (\w+)\n", _template(name), flags=re.M)[1:]
+    parts = re.split(r"^#@ (\w+)\n", _template(f"parts/{part}.toml"), flags=re.M)[1:]
     return {key: text.strip("\n") for key, text in zip(parts[::2], parts[1::2], strict=True)}
 
 
@@ -334,15 +354,12 @@ def _kind(lines: list[str]) -> str:
 
 def _template(name: str) -> str:
     path = Path(str(files("protocols"))) / "templates" / name
-    text = path.read_text(encoding="utf-8")
-    if name == "display.toml":
-        _check(text)
-    return text
+    return path.read_text(encoding="utf-8")
 
 
-def _check(text: str) -> None:
-    """Let a mistake of ours show here, not at a user's."""
-    tomllib.loads(re.sub(r"@\w+@", "0", text))
+def _toml(text: str) -> dict[str, Any]:
+    """Parse a template; a mistake of ours shows here, not at a user's."""
+    return tomllib.loads(re.sub(r"@\w+@", "0", text))
 
 
 _FROM_NUMBERS = "from-numbers"

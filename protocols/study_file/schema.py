@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 else:  # what is registered, plug-ins included: known when the program starts
     _KIND = Field(discriminator="kind")
     AnyRecipe = Annotated[reduce(or_, RECIPES.values()), _KIND]
-    AnyTask = Annotated[reduce(or_, TASKS.values()), _KIND]
+    AnyTask = Annotated[reduce(or_, (kind.task for kind in TASKS.values())), _KIND]
     AnyAnalysis = Annotated[
-        reduce(or_, dict.fromkeys(task.analysis for task in TASKS.values())), _KIND
+        reduce(or_, dict.fromkeys(kind.task.analysis for kind in TASKS.values())), _KIND
     ]
 
 

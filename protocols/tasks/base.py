@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field
 
@@ -126,6 +126,11 @@ class Analysis(ExtendedModel):
     """Default: the defaults of Exclusions."""
     reaction: Literal["summary", "models"] = "summary"
     """`summary`: medians and means of reaction times. `models`: also a log-normal mixed model."""
+
+    @classmethod
+    def own_kind(cls) -> str:
+        """Return the kind that a section of this class names."""
+        return str(get_args(cls.model_fields["kind"].annotation)[0])
 
     def problems(self, _task: Task, _pool: Pool, /) -> Iterator[Problem]:
         """Yield all that does not fit the rest of the study."""

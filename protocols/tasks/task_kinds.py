@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from dataclasses import dataclass
 from numbers import Real
 
 from protocols.plugins import based_on, check_methods, misfit, registered
@@ -16,20 +17,70 @@ from protocols.tasks.rating import Rating
 from protocols.tasks.which_half import WhichHalf
 from protocols.tasks.yes_no import YesNo
 
-TASKS: dict[str, type[Task]] = registered(
-    "tasks",
-    {
-        "two-interval": TwoInterval,
-        "two-alternative": TwoAlternative,
-        "yes-no": YesNo,
-        "identification": Identification,
-        "abx": Abx,
-        "which-half": WhichHalf,
-        "rating": Rating,
-    },
-    "name a class based on protocols.tasks.base.Task, whose kind is the entry's name",
-    based_on(Task),
-)
+
+@dataclass(frozen=True)
+class TaskKind:
+    """A kind of task: its class, and where all else of it lies.
+
+    Analysis, observer and example are named as ``module:NAME``; the packages that need them import
+    them when they are asked for. A plug-in names its own by entry points.
+    """
+
+    task: type[Task]
+    analysis: str = ""
+    """An `analysis.tasks.base.TaskAnalysis`, of all tasks with the same section `[analysis]`."""
+    observer: str = ""
+    """A function from a study to a `study_app.observers.ObserverModel`."""
+    recipe: str = ""
+    """Recipe that a new study starts from; empty: none is written."""
+    example: str = ""
+    """A function that yields the pictures of a new study with the recipe `files`."""
+
+
+_RATES, _PREFERENCE = "analysis.tasks.rates:", "analysis.tasks.preference:PreferenceOfPairs"
+_PREFERRING = "study_app.observers.preference_observer:PreferenceModel.of"
+_RIGHT, _EXAMPLES = "study_app.observers.right_or_wrong:", "stimuli.recipes.example_pictures:"
+_TEXTURES = f"{_EXAMPLES}blurred_textures"
+SHIPPED = {
+    "two-interval": TaskKind(TwoInterval, _PREFERENCE, _PREFERRING, "warped-clips"),
+    "two-alternative": TaskKind(TwoAlternative, _PREFERENCE, _PREFERRING, "warped-clips"),
+    "yes-no": TaskKind(
+        YesNo,
+        f"{_RATES}DetectionRates",
+        f"{_RIGHT}DetectionModel.of",
+        "files",
+        f"{_EXAMPLES}gratings_in_noise",
+    ),
+    "identification": TaskKind(
+        Identification,
+        f"{_RATES}IdentificationRates",
+        f"{_RIGHT}SensitivityModel.of",
+        "files",
+        f"{_EXAMPLES}rings",
+    ),
+    "abx": TaskKind(Abx, f"{_RATES}AbxRates", f"{_RIGHT}DifferenceModel.of", "files", _TEXTURES),
+    "which-half": TaskKind(
+        WhichHalf, f"{_RATES}WhichHalfRates", f"{_RIGHT}DifferenceModel.of", "files", _TEXTURES
+    ),
+    "rating": TaskKind(
+        Rating,
+        "analysis.tasks.rating_analysis:RatingsTask",
+        "study_app.observers.rating_observer:RaterModel.of",
+        "files",
+        _TEXTURES,
+    ),
+}
+"""Tasks that ship, by name."""
+TASKS = SHIPPED | {
+    name: TaskKind(task)
+    for name, task in registered(
+        "tasks",
+        {name: kind.task for name, kind in SHIPPED.items()},
+        "name a class based on protocols.tasks.base.Task, whose kind is the entry's name",
+        based_on(Task),
+    ).items()
+    if name not in SHIPPED
+}
 _ASKED = (
     "answers", "cells", "catch_cells", "durations", "shown_s", "description", "design_sentence",
     "right_answer", "condition_columns", "answer_columns", "own_columns", "labels",

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from protocols.disk.hashing import sha256_bytes
+from protocols.plugins import named
+from protocols.tasks.task_kinds import TASKS
 from protocols.units import Scalar
 from stimuli.media.png import encode_bytes
 
@@ -88,24 +90,16 @@ def blurred_textures() -> Iterator[ExamplePicture]:
         )
 
 
-EXAMPLES = {
-    "yes-no": gratings_in_noise,
-    "identification": rings,
-    "abx": blurred_textures,
-    "which-half": blurred_textures,
-    "rating": blurred_textures,
-}
-"""By task."""
-
-
 def example_files(task: str) -> dict[str, bytes]:
     """Return the files that a new study of a task starts from, by name: table and pictures.
 
     Empty for tasks whose stimuli are rendered.
     """
-    if task not in EXAMPLES:
+    if not TASKS[task].example:
         return {}
-    examples = list(EXAMPLES[task]())
+    yielded = named(TASKS[task].example)()
+    assert isinstance(yielded, Iterator)
+    examples: list[ExamplePicture] = list(yielded)
     text = io.StringIO()
     columns = list(examples[0].condition)
     writer = csv.writer(text, lineterminator="\n")

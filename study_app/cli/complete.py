@@ -94,10 +94,10 @@ def _displays(_context: Context, _parameter: Any, typed: str) -> list[str]:
 
 
 def _tasks(context: Context, _parameter: Any, typed: str) -> list[str]:
-    from protocols.study_file.new_study import PARTS
+    from protocols.study_file.new_study import TEMPLATES
     from protocols.tasks.task_kinds import TASKS
 
-    known = PARTS if context.info_name == "new-study" else (*TASKS, "ratings", "reaction")
+    known = TEMPLATES if context.info_name == "new-study" else (*TASKS, "ratings", "reaction")
     return [name for name in known if name.startswith(typed)]
 
 

@@ -21,7 +21,7 @@ from protocols.disk.result_folder import whole_folder, without_links
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.load import SECRET_SUFFIX, load_display
-from protocols.study_file.new_study import FOLDERS, FOVEATED, PARTS, study_files
+from protocols.study_file.new_study import FOLDERS, TEMPLATES, inputs_folder, study_files
 from protocols.study_file.own_stimuli import OwnScene, OwnStimuli
 from protocols.units import NAME_IN_WORDS, NAME_LENGTH, NAME_PATTERN
 from study_app.cli.options import one_of, unknown_numbers
@@ -162,7 +162,7 @@ def new_study(
         str, typer.Option(help="Display to start from: a shipped name or a .toml file.")
     ] = "fhd27-60hz",
     task: Annotated[
-        str, typer.Option(metavar="NAME", help=f"Task of participants: {', '.join(PARTS)}.")
+        str, typer.Option(metavar="NAME", help=f"Task of participants: {', '.join(TEMPLATES)}.")
     ] = "two-interval",
     *,
     own: OwnOptions,
@@ -217,8 +217,7 @@ def new_study(
             (work / file).parent.mkdir(exist_ok=True)
             with open(work / file, "wb", opener=open_new) as written:
                 written.write(data)
-        inputs = PARTS[task] if taken.stills_px is None else FOVEATED
-        for below in (*FOLDERS, inputs[1]):
+        for below in (*FOLDERS, inputs_folder(task, taken)):
             (work / below).mkdir(exist_ok=True)
     say_notes(notes)
     say(f"{folder}: the study {named!r}, ready to be made yours. Next:")

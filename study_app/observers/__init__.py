@@ -5,29 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from protocols.errors import StudyError
-from protocols.plugins import misfit, registered, taking
+from protocols.plugins import misfit, named, registered, taking
 from protocols.study_file.schema import StudyProtocol
+from protocols.tasks.task_kinds import TASKS
 from study_app.observers.observer_model import ArtificialObserver, ObserverModel, rng_of
 from study_app.observers.preference_observer import DEFAULT_UTILITIES, PreferenceModel
-from study_app.observers.rating_observer import RaterModel
-from study_app.observers.right_or_wrong import DetectionModel, DifferenceModel, SensitivityModel
 
-Maker = Callable[[StudyProtocol], ObserverModel]
-
-OBSERVERS: Mapping[str, Maker] = registered(
+MAKERS: Mapping[str, str | Callable[..., object]] = registered(
     "observers",
-    {
-        "two-interval": PreferenceModel.of,
-        "two-alternative": PreferenceModel.of,
-        "yes-no": DetectionModel.of,
-        "identification": SensitivityModel.of,
-        "abx": DifferenceModel.of,
-        "which-half": DifferenceModel.of,
-        "rating": RaterModel.of,
-    },
+    {task: kind.observer for task, kind in TASKS.items() if kind.observer},
     "name a function from a study to an observer model",
     taking(1),
 )
+"""Makers of models by task; one that ships is named, and imported when it is asked for."""
 
 
 def default_model(study: StudyProtocol) -> ObserverModel:
@@ -39,12 +29,12 @@ def default_model(study: StudyProtocol) -> ObserverModel:
         If no observer was written for its task.
     """
     kind = study.task.kind
-    if kind not in OBSERVERS:
+    if kind not in MAKERS:
         raise StudyError(
             f"task {kind!r}: simulating needs an artificial observer of that name"
-            f" (there are {', '.join(OBSERVERS)}); the package that adds the task can add one"
+            f" (there are {', '.join(MAKERS)}); the package that adds the task can add one"
         )
-    model = OBSERVERS[kind](study)
+    model = named(MAKERS[kind])(study)
     if not isinstance(model, ObserverModel):
         must = "return a model based on study_app.observers.ObserverModel"
         raise misfit("observers", kind, must, model)

@@ -14,13 +14,14 @@ from scipy import stats
 from protocols.feasibility import check_feasible
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
-from protocols.study_file.new_study import PARTS, study_files
+from protocols.plugins import named
+from protocols.study_file.new_study import TEMPLATES, study_files
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import Web
 from protocols.tasks.task_kinds import TASKS
 
-OF_PICTURES = [task for task, (recipe, _) in PARTS.items() if recipe == "files"]
-RIGHT_OR_WRONG = [task for task in OF_PICTURES if TASKS[task].decides]
+OF_PICTURES = [name for name, kind in TASKS.items() if kind.recipe == "files"]
+RIGHT_OR_WRONG = [task for task in OF_PICTURES if TASKS[task].task.decides]
 UNJUDGED = {"confidence", "criterion_share", "rounds_max", "right", "wrong"}
 """Keys of no use where no answer is right or wrong."""
 
@@ -52,10 +53,10 @@ def uncommented(text: str, first: str, last: str) -> str:
 
 
 def test_there_is_a_new_study_of_every_task_that_ships():
-    assert set(PARTS) == set(TASKS)
+    assert set(TEMPLATES) == set(TASKS)
 
 
-@pytest.mark.parametrize("task", PARTS)
+@pytest.mark.parametrize("task", TASKS)
 def test_it_is_in_order_at_once(metamerlab, made, task):
     path = made(task)
     done = metamerlab("protocol", "check", path)
@@ -69,7 +70,7 @@ def test_it_is_in_order_at_once(metamerlab, made, task):
     assert load_protocol(path).format == 2
 
 
-@pytest.mark.parametrize("task", [task for task in PARTS if TASKS[task].decides])
+@pytest.mark.parametrize("task", [task for task in TASKS if TASKS[task].task.decides])
 def test_its_catch_trials_pass_who_slips_now_and_then_and_fail_who_guesses(made, task):
     """Binomial: a slip in 50 trials passes in 97 % and more, also before feedback teaches."""
     study = load_protocol(made(task))
@@ -82,7 +83,7 @@ def test_its_catch_trials_pass_who_slips_now_and_then_and_fail_who_guesses(made,
     assert passed[0.5] <= (0.12 if task in RIGHT_OR_WRONG else 0.7)
 
 
-@pytest.mark.parametrize("task", PARTS)
+@pytest.mark.parametrize("task", TASKS)
 def test_it_is_feasible_on_every_shipped_display(made, task):
     folder = made(task).parent
     for name in shipped("displays"):
@@ -112,7 +113,7 @@ def models_of(study: StudyProtocol) -> dict[str, type[BaseModel]]:
     return sections
 
 
-@pytest.mark.parametrize("task", PARTS)
+@pytest.mark.parametrize("task", TASKS)
 def test_every_key_is_there_and_explained(made, task):
     path = made(task)
     text = path.read_text(encoding="utf-8")
@@ -190,7 +191,7 @@ TOGETHER = {
 """Keys that need another one changed as well."""
 
 
-@pytest.mark.parametrize("task", PARTS)
+@pytest.mark.parametrize("task", TASKS)
 def test_examples_of_optional_keys_are_valid_themselves(made, task):
     path = made(task)
     text = path.read_text(encoding="utf-8")
@@ -234,7 +235,7 @@ def test_its_pictures_are_built_simulated_and_listed(metamerlab, made, tmp_path,
     assert 0.5 < sum(right) / len(right) < 1  # levels from hard to plain
 
 
-@pytest.mark.parametrize("task", PARTS)
+@pytest.mark.parametrize("task", TASKS)
 def test_show_and_preregister_say_the_task_the_question_and_the_right_answer(
     metamerlab, made, task
 ):
@@ -292,3 +293,11 @@ def test_a_column_called_condition_is_compared_from_check_to_report(metamerlab, 
     page = (folders["report"] / "report.html").read_text(encoding="utf-8")
     assert "coarse minus fine" in page
     assert "condition all" not in page
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_all_that_a_task_names_is_there(task):
+    """Other packages import it when they are asked for it."""
+    kind = TASKS[task]
+    for place in (kind.analysis, kind.observer, *[kind.example] * (kind.recipe == "files")):
+        assert callable(named(place))

@@ -19,7 +19,7 @@ from analysis.parts import Estimate, Part, Presentation, computed, estimates_of,
 from analysis.report.write_report import report_decisions
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times
-from analysis.tasks import ANALYSES, analysis_of
+from analysis.tasks import KINDS, analysis_of
 from analysis.tasks.note import write_note
 from analysis.tasks.time_tables import TimesPlan
 from protocols.blocks import Cautions, Paragraph
@@ -258,7 +258,7 @@ def check(folder, parts, page: str) -> None:
 
 
 def test_every_shipped_part_is_among_those_that_are_checked():
-    shipped = {part.name for kind in ANALYSES for part in analysis_of(kind).parts}
+    shipped = {part.name for kind in KINDS for part in analysis_of(kind).parts}
     assert shipped == set(SAID)
 
 

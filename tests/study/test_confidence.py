@@ -19,7 +19,7 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, load_study
 from protocols.plan import make_plan
 from protocols.script import example_scripts
-from protocols.study_file.new_study import PARTS, study_files
+from protocols.study_file.new_study import study_files
 from protocols.study_file.preregister import preregistration
 from protocols.tasks.task_kinds import TASKS
 from stimuli.recipes.example_pictures import example_files
@@ -36,7 +36,7 @@ labels = { en = ["guessed", "unsure", "rather sure", "sure"] }
 keys = [["1"], ["2"], ["3"], ["4"]]
 """
 DISPLAY = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
-DECIDING = [task for task in PARTS if TASKS[task].decides]
+DECIDING = [task for task in TASKS if TASKS[task].task.decides]
 
 
 def text_of(task: str, section: str = SECTION) -> str:
@@ -54,7 +54,7 @@ def load(tmp_path):
         }
         for name in ("study.toml", "display.toml"):
             (tmp_path / name).write_text(files[name], encoding="utf-8")
-        if "warped" not in PARTS[task][0]:
+        if "warped" not in TASKS[task].recipe:
             (tmp_path / "stimuli.csv").write_bytes(example_files(task)["stimuli.csv"])
         study, display = load_study(tmp_path / "study.toml")
         return study.in_any_order(), display

@@ -16,7 +16,7 @@ from analysis.parts.shared import planned_family
 from analysis.plans.rate_plan import RatePlan
 from analysis.showable import FamilyOfTests
 from analysis.simulations import Choices
-from analysis.tasks import ANALYSES, analysis_of, planning_notes
+from analysis.tasks import KINDS, analysis_of, planning_notes
 from protocols.load import load_protocol
 from study_app.cli import app
 
@@ -73,7 +73,7 @@ def case_study(folder, name, participants):
     return load_protocol(file)
 
 
-@pytest.mark.parametrize("kind", ANALYSES)
+@pytest.mark.parametrize("kind", KINDS)
 def test_each_part_that_plans_a_test_names_its_families(kind):
     for part in analysis_of(kind).parts:
         plans = type(part).planned_over is not Part.planned_over

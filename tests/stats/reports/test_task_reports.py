@@ -27,15 +27,15 @@ from well_formed import check_well_formed
 
 from analysis.export.write_export import export_study
 from analysis.models.detection import YesNoResults
-from analysis.models.ideal_observer import abx_share
 from analysis.parts import computed
 from analysis.power import power
 from analysis.report.report_source import TableSettings
 from analysis.report.wording import share
 from analysis.report.write_report import report_decisions, report_sessions
-from analysis.tasks import ANALYSES, analysis_of, analysis_of_task
+from analysis.tasks import KINDS, analysis_of, analysis_of_task
 from analysis.tasks.note import note_path, read_note, write_note
 from analysis.tidy import read_sessions
+from protocols.answer_rules import answer_rule
 from protocols.errors import StudyError
 from protocols.load import load_display, load_protocol
 from protocols.study_file.schema import StudyProtocol
@@ -685,7 +685,7 @@ def test_every_task_has_an_analysis_and_an_unknown_one_is_named():
         "abx",
     }
     assert analysis_of_task("two-interval").kind == "preference"
-    assert all(make().kind == kind for kind, make in ANALYSES.items())
+    assert all(analysis_of(kind).kind == kind for kind in KINDS)
     with pytest.raises(StudyError, match="must be one of preference, detection"):
         analysis_of("preferance")
 
@@ -734,7 +734,7 @@ def test_power_against_chance_is_that_of_the_binomial_where_nobody_differs(tmp_p
     rng, studies = np.random.default_rng(4), 200
     simulation = analysis_of("abx").simulation(protocol)
     found = power(simulation, assumed, rng=rng, studies=studies).numbers
-    share = float(abx_share(np.array(2.5)))
+    share = float(answer_rule("differencing").share(np.array(2.5)))
 
     each = zip(found["participants"], found["each"], strict=True)
     tried = [(n, p) for n, p in each if n >= 10]

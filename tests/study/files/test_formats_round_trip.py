@@ -269,8 +269,16 @@ def test_two_clips_of_one_name_are_refused(sample_manifest):
         Manifest.model_validate(plain)
 
 
-SECTIONS = [Design, TrialTiming, Gaze, Response, Practice, Files, *TASKS.values()]
-SECTIONS += dict.fromkeys(task.analysis for task in TASKS.values())
+SECTIONS = [
+    Design,
+    TrialTiming,
+    Gaze,
+    Response,
+    Practice,
+    Files,
+    *(kind.task for kind in TASKS.values()),
+]
+SECTIONS += dict.fromkeys(kind.task.analysis for kind in TASKS.values())
 
 
 @pytest.mark.parametrize("model", SECTIONS, ids=lambda entry: entry.__name__)

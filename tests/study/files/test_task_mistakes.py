@@ -14,7 +14,7 @@ from protocols.errors import StudyError
 from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.load import load_display, load_protocol
 from protocols.plan import make_plan
-from protocols.study_file.new_study import PARTS, study_files
+from protocols.study_file.new_study import TEMPLATES, study_files
 from protocols.study_file.preregister import preregistration
 from stimuli.recipes.example_pictures import example_files
 
@@ -215,7 +215,7 @@ def test_columns_that_tables_have_are_those_that_no_stimulus_may_have(tmp_path):
     from analysis.data_dictionary import tables_of
     from protocols.columns import COMMON_COLUMNS
 
-    for task in PARTS:
+    for task in TEMPLATES:
         (tmp_path / "stimuli.csv").write_text(table_of(task))
         path = tmp_path / "pilot.toml"
         path.write_text(text_of(task), encoding="utf-8")
@@ -247,7 +247,7 @@ VALUES = st.one_of(
 @st.composite
 def damaged(draw: st.DrawFn) -> tuple[str, str]:
     """Return a task, and its study with a few lines changed, doubled, moved or gone."""
-    task = draw(st.sampled_from(list(PARTS)))
+    task = draw(st.sampled_from(TEMPLATES))
     lines = [line for line in text_of(task).splitlines() if line and not line.startswith("#")]
     if draw(st.booleans()) and task == "yes-no":
         at = lines.index("[task.catch]")
@@ -263,7 +263,7 @@ def damaged(draw: st.DrawFn) -> tuple[str, str]:
         elif match and what == "key":
             lines[at] = f"{match[1]}_{draw(st.sampled_from('xyz'))} = {match[2]}"
         elif what == "borrowed":  # a line of another task
-            other = text_of(draw(st.sampled_from(list(PARTS)))).splitlines()
+            other = text_of(draw(st.sampled_from(TEMPLATES))).splitlines()
             candidates = [line for line in other if LINE.match(line)]
             lines.insert(at + 1, draw(st.sampled_from(candidates)))
     return task, "\n".join(lines) + "\n"
