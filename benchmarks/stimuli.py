@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from protocols.recipes.warped_clips import ClipName
     from stimuli.batch.build_plan import BuildPlan
     from stimuli.batch.clip import Survey
+    from stimuli.batch.jobs import SceneContext
     from stimuli.rendering.scenery import Scenery
-    from stimuli.worker import SceneContext
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -150,7 +150,7 @@ def _ready(
     from protocols.recipes.warped_clips import ClipName
     from stimuli.batch.build_plan import BuildPlan
     from stimuli.batch.clip import Survey
-    from stimuli.worker import SceneContext
+    from stimuli.batch.jobs import SceneContext
 
     protocol = load_protocol(Path("demo"))
     scene = protocol.warped.scenes[0].model_copy(update={"name": "scene", "builtin": options.scene})

@@ -23,8 +23,8 @@ from stimuli.batch.batch_folder import (
 from stimuli.batch.build_plan import BuildPlan
 from stimuli.batch.clip import Survey, read_survey
 from stimuli.batch.clip_build import ClipBuild, Job
+from stimuli.batch.jobs import clip_job, describe_renderer, survey_job
 from stimuli.batch.records import WarpedDraft
-from stimuli.worker import clip_job, describe_renderer, survey_job
 
 __all__ = ["HOLES_FOLDER", "BuildOutcome", "Report", "build", "survey_name"]
 

@@ -28,9 +28,10 @@ from stimuli.batch.batch_folder import (
 )
 from stimuli.batch.contact import SHEET_NAME, write_contact_sheet
 from stimuli.batch.executors import LocalProcesses
+from stimuli.batch.jobs import preview_job
 from stimuli.batch.records import ManifestDraft
 from stimuli.media.video import PREVIEW_FOLDER, preview_path
-from stimuli.worker import RendererInfo, preview_job
+from stimuli.worker import RendererInfo
 
 POLL_S = 0.25
 

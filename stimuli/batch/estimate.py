@@ -55,7 +55,7 @@ def estimate(plan: BuildPlan, out: Path, workers: int) -> BuildEstimate:
     """
     from pipeline.gl.context import describe
     from pipeline.methods.registry import create_method
-    from stimuli.worker import SceneContext
+    from stimuli.batch.jobs import SceneContext
 
     clips = plan.protocol.warped.clips
     first = plan.clip_names[0]

@@ -16,7 +16,7 @@ from typing import Any, cast
 
 from protocols.errors import StudyError
 from protocols.outside import visible_line
-from stimuli.worker import start_worker
+from stimuli.batch.jobs import start_worker
 
 CONNECT_S = 10.0
 

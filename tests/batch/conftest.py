@@ -10,7 +10,7 @@ from built_study import write_small_study
 
 from protocols.load import load_display, load_protocol
 from stimuli.batch.build_plan import BuildPlan
-from stimuli.worker import SCENES
+from stimuli.batch.jobs import SCENES
 
 
 class Inline(Executor):

@@ -33,8 +33,8 @@ from protocols.manifest import check_manifest, read_manifest
 from stimuli.batch.batch_folder import claim, move_over, remove_strangers
 from stimuli.batch.build import build
 from stimuli.batch.check import check_batch
+from stimuli.batch.jobs import describe_renderer
 from stimuli.media.png import decode, is_whole
-from stimuli.worker import describe_renderer
 
 
 @pytest.fixture(scope="module")
