@@ -1,4 +1,4 @@
-"""Exports of recorded studies in the forms that archives and other programs read."""
+"""Exports of recorded studies: BIDS, pwcmp, and what a public export omits."""
 
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args

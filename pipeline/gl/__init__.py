@@ -1,1 +1,5 @@
-"""OpenGL plumbing: context, shaders, textures, timers."""
+"""OpenGL plumbing: context, shaders, textures, timers.
+
+`compute` binds by name, `passes` is common to all passes, `fragment` makes WebGL2's shaders
+of ours.
+"""

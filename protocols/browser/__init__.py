@@ -1,1 +1,1 @@
-"""A study in a browser: what is exported, and the lines that come home."""
+"""Studies in a browser: the design as a browser plans it, the export, lines that come home."""

@@ -1,4 +1,4 @@
-"""Builders of stimuli by the kind of their recipe."""
+"""Builders of stimuli by the kind of their recipe, and what a new study starts from."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Scenes to pictures with depth and motion, and how far a camera must move for a hole."""
+"""Scenes to pictures with depth and motion: camera paths, renderer, views to look at."""

@@ -1,1 +1,1 @@
-"""Sources of frames: one module per built-in scene or importer."""
+"""Sources of frames: one module per built-in scene, or importer of meshes, photographs, OpenEXR."""

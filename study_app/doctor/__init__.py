@@ -1,4 +1,4 @@
-"""Is this machine fit? One finding per question: PASS, WARN or FAIL, with the cure.
+"""Checks of the machine: one finding per question, PASS, WARN or FAIL, with the cure.
 
 The checks judge facts; what a driver must be asked for is asked in a process
 of its own (`probes`), so that a driver that crashes is a finding too.
