@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
-from pydantic import Field, TypeAdapter, model_validator
+from pydantic import Field, StringConstraints, TypeAdapter, model_validator
 
 from protocols.disk.hashing import canonical_json
 from protocols.latency import LiveFrames
@@ -126,12 +126,8 @@ class Machine(Model):
     """True if no person took part: an artificial observer drove the page."""
 
 
-class Remote(Model):
-    """A session in a participant's own browser: what vouches for it.
-
-    Files were hashed before they were decoded, and each refresh is stamped by the browser's
-    animation frame. No photodiode saw the screen, and nothing watched gaze or distance.
-    """
+class RemoteStart(Model):
+    """Export, slot and machine of a session in a participant's own browser."""
 
     study_file_sha256: Sha256
     """Hash of the export's `study.json`."""
@@ -139,10 +135,19 @@ class Remote(Model):
     """Revision of metamerlab, which made the export."""
     slot_from: SlotFrom
     machine: Machine
+    identifier: Annotated[str, StringConstraints(max_length=200)] | None = None
+    """Value of the link's parameter that the study names."""
+
+
+class Remote(RemoteStart):
+    """A session in a participant's own browser: what vouches for it.
+
+    Files were hashed before they were decoded, and each refresh is stamped by the browser's
+    animation frame. No photodiode saw the screen, and nothing watched gaze or distance.
+    """
+
     deviations_s: dict[str, float]
     """Excess of times over those that the study states, by their places in the study file."""
-    identifier: str | None = None
-    """Value of the link's parameter that the study names."""
 
 
 class SessionStart(Event, ExtendedModel):
@@ -200,13 +205,18 @@ class SessionResume(Event):
     """File that an unfinished last line was moved to. Null if there was none."""
 
 
-class Consent(Event):
-    """The participant agreed to the consent text."""
+class ConsentGiven(Event):
+    """Consent, as desk and browser say it."""
 
     kind: Literal["consent"] = "consent"
     agreed: bool
-    language: LanguageCode
     text_sha256: Sha256
+
+
+class Consent(ConsentGiven):
+    """The participant agreed to the consent text."""
+
+    language: LanguageCode
 
 
 class Calibration(Event, ExtendedModel):
@@ -227,11 +237,16 @@ class Calibration(Event, ExtendedModel):
     added_later: ClassVar[tuple[str, ...]] = ("sd_deg", "lost_share")
 
 
-class BlockStart(Event):
-    """A block begins. Block 0 is practice."""
+class BlockBegun(Event):
+    """Beginning of a block, as desk and browser say it."""
 
     kind: Literal["block-start"] = "block-start"
     block: Count
+
+
+class BlockStart(BlockBegun):
+    """A block begins. Block 0 is practice."""
+
     trials: Count
 
 
@@ -315,18 +330,28 @@ class FurtherAnswer(Model):
     """Time from the onset of the question to the key press, s."""
 
 
-class Attempt(Event, ExtendedModel):
-    """One attempt at a trial, completed or void, written when it is over."""
+class AttemptOutcome(Event):
+    """Place and outcome of an attempt, as desk and browser say them."""
 
     kind: Literal["attempt"] = "attempt"
     trial: TrialId
     """The trial of the plan."""
-    role: Role
-    """Practice is never analysed. Catch trials test attention."""
     attempt: Positive
     """1 for the first attempt at this trial."""
     position: Count
     """Number of this attempt in the session, from 0."""
+    outcome: Outcome
+    void_reason: VoidReason | None
+    """Reason why a void attempt must be repeated."""
+    answer: Name | None
+    """The answer given to the study's question."""
+
+
+class Attempt(AttemptOutcome, ExtendedModel):
+    """One attempt at a trial, completed or void, written when it is over."""
+
+    role: Role
+    """Practice is never analysed. Catch trials test attention."""
     block: Count
     """0 is practice."""
     repeat: Count
@@ -341,11 +366,6 @@ class Attempt(Event, ExtendedModel):
     """The answer that each response key gives, from left to right."""
     expected: Name | None
     """The right answer. Null if there is none."""
-    outcome: Outcome
-    void_reason: VoidReason | None
-    """Reason why a void attempt must be repeated."""
-    answer: Name | None
-    """The answer given to the study's question."""
     correct: bool | None
     """True if the answer was right. Null without an answer or a right answer."""
     key: str | None

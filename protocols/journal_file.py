@@ -15,6 +15,7 @@ import re
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 from pydantic import ValidationError
 
@@ -25,7 +26,6 @@ from protocols.journal import (
     EVENT,
     AnyEvent,
     Attempt,
-    Event,
     SessionResume,
     SessionStart,
     Withdrawal,
@@ -306,4 +306,4 @@ def _parse(line: bytes) -> AnyEvent | str:
         return said.encode("ascii", "backslashreplace").decode()[:200]
 
 
-_KINDS = {kind.model_fields["kind"].default for kind in Event.__subclasses__()}
+_KINDS = {kind.model_fields["kind"].default for kind in get_args(get_args(AnyEvent)[0])}

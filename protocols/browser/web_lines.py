@@ -1,28 +1,41 @@
-"""The lines that a browser sends home: JSON, one event each, ended by a line feed.
+"""The lines that a browser sends home: the journal's events, with who sent them.
 
-Lines come at least once, in any grouping. So each says whose it is (`study`, `participant`), its
-number `n` among that participant's lines (0, 1, 2, ... without gaps, over all runs) and the run of
-the page that wrote it. `study_app.web.import_lines` makes an ordinary journal of them. An attempt
-holds what was observed, not what follows from it: Python runs the trial again on these stamps and
-keys, and the outcome that the browser claims must come out.
+JSON, one event each, ended by a line feed. Lines come at least once, in any grouping. So each says
+whose it is (`study`, `participant`), its number `n` among that participant's lines (0, 1, 2, ...
+without gaps, over all runs) and the run of the page that wrote it. `study_app.web.import_lines`
+makes an ordinary journal of them. An attempt holds what was observed, not what follows from it:
+Python runs the trial again on these stamps and keys, and the outcome that the browser claims must
+come out.
 """
 
 from __future__ import annotations
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field, StringConstraints, TypeAdapter
+from pydantic import Field, JsonValue, StringConstraints, TypeAdapter
+from pydantic.json_schema import SkipJsonSchema
 
-from protocols.journal import Machine, SlotFrom, TrialId, UtcTime, VoidReason
+from protocols.journal import (
+    Answer,
+    AttemptOutcome,
+    BlockBegun,
+    BlockEnd,
+    Break,
+    ConsentGiven,
+    Event,
+    Machine,
+    Note,
+    Pause,
+    RemoteStart,
+    UtcTime,
+)
 from protocols.units import (
     Count,
     Hertz,
     LanguageCode,
-    Magnitude,
     Model,
     Name,
     ParticipantCode,
-    Positive,
     Sha256,
     Share,
     Stamp,
@@ -34,8 +47,8 @@ WebSeed = Annotated[int, Field(ge=0, le=2**53 - 1)]
 Microseconds = Annotated[int, Field(ge=0, le=2**53 - 1, json_schema_extra={"unit": "µs"})]
 
 
-class Line(Model):
-    """Fields of every line."""
+class Sent(Event):
+    """Fields of every line: of an event, and who sent it."""
 
     study: Name
     participant: ParticipantCode
@@ -47,31 +60,29 @@ class Line(Model):
     """Time on the page's clock: monotonic, 0 when this run opened it."""
     at: UtcTime
     """Time on the participant's clock, UTC."""
+    chain: SkipJsonSchema[None] = None
+    """Null: it is made where the journal is written."""
+
+    def told(self) -> dict[str, JsonValue]:
+        """Return the event without number, times and sender."""
+        return self.model_dump(exclude=set(Sent.model_fields))
 
 
-class StartLine(Line):
+class StartLine(Sent, RemoteStart):
     """The first line of a participant."""
 
     kind: Literal["start"] = "start"
     format: Literal[1] = 1
     protocol_sha256: Sha256
     manifest_sha256: Sha256
-    study_file_sha256: Sha256
-    """Hash of `study.json`, so of the export."""
-    revision: Text
-    """Revision of metamerlab, which made the export."""
     slot: Count
-    slot_from: SlotFrom
     seed: WebSeed
     language: LanguageCode
     rate_hz: Hertz
     """Refresh rate that is used, of those of the study."""
-    machine: Machine
-    identifier: Annotated[str, StringConstraints(max_length=200)] | None = None
-    """Value of the link's parameter that the study names."""
 
 
-class ResumeLine(Line):
+class ResumeLine(Sent):
     """The page was opened again for the same participant."""
 
     kind: Literal["resume"] = "resume"
@@ -79,41 +90,24 @@ class ResumeLine(Line):
     machine: Machine
 
 
-class ConsentLine(Line):
+class ConsentLine(Sent, ConsentGiven):
     """The participant read the consent page, and agreed or not."""
 
-    kind: Literal["consent"] = "consent"
-    agreed: bool
-    text_sha256: Sha256
 
-
-class BlockStartLine(Line):
+class BlockStartLine(Sent, BlockBegun):
     """A block begins."""
 
-    kind: Literal["block-start"] = "block-start"
-    block: Count
 
-
-class BlockEndLine(Line):
+class BlockEndLine(Sent, BlockEnd):
     """A block is over."""
 
-    kind: Literal["block-end"] = "block-end"
-    block: Count
 
-
-class BreakLine(Line):
+class BreakLine(Sent, Break):
     """A break between blocks, sent at its end."""
 
-    kind: Literal["break"] = "break"
-    after_block: Count
-    duration_s: Magnitude
 
-
-class PauseLine(Line):
+class PauseLine(Sent, Pause):
     """A pause, sent at its end."""
-
-    kind: Literal["pause"] = "pause"
-    duration_s: Magnitude
 
 
 class Press(Model):
@@ -128,39 +122,30 @@ class Press(Model):
     """Place of the pointer across the study's screen."""
 
 
-class AttemptLine(Line):
+class AttemptLine(Sent, AttemptOutcome):
     """One attempt at a trial, with what was observed in it."""
 
-    kind: Literal["attempt"] = "attempt"
-    trial: TrialId
-    attempt: Positive
-    position: Count
     flips_us: tuple[Microseconds, ...]
     """Times of flips: the first on the page's clock, each other one since that before."""
     presses: tuple[Press, ...]
     disturbed: tuple[Count, Literal["focus", "hidden", "full-screen", "size"]] | None
     """After which flip something came between participant and page, and what."""
-    outcome: Literal["completed", "void"]
-    void_reason: VoidReason | None
-    answer: Name | None
 
 
-class AnswerLine(Line):
+class AnswerLine(Sent, Answer):
     """An answer to a closing question."""
 
-    kind: Literal["answer"] = "answer"
-    question: Name
     text: Annotated[str, StringConstraints(max_length=20_000)]
 
 
-class NoteLine(Line):
+class NoteLine(Sent, Note):
     """A remark by the page, such as a file that was not the one that was hashed."""
 
-    kind: Literal["note"] = "note"
-    text: Annotated[str, StringConstraints(min_length=1, max_length=2000)]
+    text: Annotated[Text, StringConstraints(max_length=2000)]
+    file: SkipJsonSchema[None] = None
 
 
-class EndLine(Line):
+class EndLine(Sent):
     """The session is over, or the participant left."""
 
     kind: Literal["end"] = "end"

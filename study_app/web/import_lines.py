@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import shutil
 import tempfile
 import zipfile
@@ -44,15 +45,12 @@ from protocols.disk.whole_file import read_bytes
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import (
-    Answer,
+    EVENT,
+    AnyEvent,
     Attempt,
-    BlockEnd,
-    BlockStart,
-    Break,
-    Consent,
     Note,
-    Pause,
     Remote,
+    RemoteStart,
     SessionEnd,
     SessionResume,
     SessionStart,
@@ -93,6 +91,8 @@ DISTURBANCES = {
 }
 
 
+_BEGINNING = re.compile(rb'(?=\{"study":)')
+"""Beginning of a line: within its texts quotes are escaped."""
 State: TypeAlias = Literal["imported", "continued", "already there", "refused"]
 
 
@@ -137,17 +137,19 @@ class BrowserResults:
         whole is kept.
         """
         check_within("events", data.count(b"\n"), StudyError, Path(name), "lines")
-        for number, text in enumerate(data.split(b"\n"), 1):
+        rows = enumerate(data.split(b"\n"), 1)
+        for number, text in ((n, text) for n, row in rows for text in _BEGINNING.split(row)):
             if not text.strip():
                 continue
+            where = f"{name}: line {number}"
             try:
                 line = LINE.validate_json(text)
             except ValidationError as error:
                 problem = error.errors()[0]
                 place = ".".join(map(str, problem["loc"])) or "line"
-                self.damaged.append(f"{name}: line {number}: {place}: {in_words(problem)}")
-                continue
-            self.found[line.study, line.participant].add(line, f"{name}: line {number}")
+                self.damaged.append(f"{where}: {place}: {in_words(problem)}")
+            else:
+                self.found[line.study, line.participant].add(line, where)
 
 
 @dataclass(frozen=True)
@@ -391,18 +393,13 @@ class RebuiltSession:
 
     def _start(self, recorder: Recorder) -> SessionStart:
         begun = self.begun
+        same = {"study", "participant", "slot", "language", "seed", "protocol_sha256"}
         return SessionStart(
             **recorder.stamps(),
-            study=begun.study,
+            **begun.model_dump(include=same | {"manifest_sha256"}),
             task=self.study.task.kind,
-            participant=begun.participant,
-            slot=begun.slot,
-            language=begun.language,
-            seed=begun.seed,
             simulated=begun.machine.simulated,
-            protocol_sha256=begun.protocol_sha256,
             stimuli_sha256=self.study.stimuli_sha256,
-            manifest_sha256=begun.manifest_sha256,
             plan_sha256=self.plan.sha256,
             trials=self.plan.main_trials,
             display=self.display.name,
@@ -416,12 +413,8 @@ class RebuiltSession:
             platform=begun.machine.browser,
             timing_evidence=EVIDENCE,
             remote=Remote(
-                study_file_sha256=begun.study_file_sha256,
-                revision=begun.revision,
-                slot_from=begun.slot_from,
-                machine=begun.machine,
+                **begun.model_dump(include=set(RemoteStart.model_fields)),
                 deviations_s=deviations_s(self.study, self.display),
-                identifier=begun.identifier,
             ),
         )
 
@@ -438,111 +431,88 @@ class RebuiltSession:
             If it is not.
         """
         self.line, self._now_s = line, line.t_s
+        recorder.append(self._event(line, recorder))
+        if isinstance(line, AttemptLine):
+            self.attempts += 1
+            if line.disturbed:
+                recorder.append(Note(**recorder.stamps(), text=DISTURBANCES[line.disturbed[1]]))
+
+    def _event(self, line: AnyLine, recorder: Recorder) -> AnyEvent:
+        """Return the journal's event of a line: what it says, and what follows from the plan."""
         match line:
             case ResumeLine():
                 self.reason = ""
-                recorder.append(
-                    SessionResume(
-                        **recorder.stamps(),
-                        revision=self.begun.revision,
-                        versions={},
-                        display_report=None,
-                        gaze=None,
-                        torn_file=None,
-                    )
+                return SessionResume(
+                    **recorder.stamps(),
+                    revision=self.begun.revision,
+                    versions={},
+                    display_report=None,
+                    gaze=None,
+                    torn_file=None,
                 )
-                return
-            case PauseLine(duration_s=duration_s):
-                recorder.append(Pause(**recorder.stamps(), duration_s=duration_s))
-                return
-            case NoteLine(text=text):
-                recorder.append(Note(**recorder.stamps(), text=text))
-                return
             case EndLine(reason=reason):
                 self.reason = reason
                 done = sum(one.decides for one in recorder.events if isinstance(one, Attempt))
-                recorder.append(
-                    SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done)
-                )
-                return
-        step = self.next_step(recorder)
+                return SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done)
+            case AttemptLine():
+                return self._attempt(line, recorder)
+            case PauseLine() | NoteLine():
+                planned: Mapping[str, object] = {}
+            case _:
+                planned = self._planned(line, self.next_step(recorder))
+        return EVENT.validate_python({**line.told(), **planned, **recorder.stamps()})
+
+    def _planned(self, line: AnyLine, step: Step) -> Mapping[str, object]:
+        """Return fields of the event that no line says, if the line is what comes next."""
         match step, line:
             case AskConsent(), ConsentLine():
-                recorder.append(
-                    Consent(
-                        **recorder.stamps(),
-                        agreed=line.agreed,
-                        language=self.begun.language,
-                        text_sha256=line.text_sha256,
-                    )
-                )
-            case StartBlock(), BlockStartLine() if line.block == step.block:
-                recorder.append(
-                    BlockStart(**recorder.stamps(), block=step.block, trials=step.trials)
-                )
-            case EndBlock(), BlockEndLine() if line.block == step.block:
-                recorder.append(BlockEnd(**recorder.stamps(), block=step.block))
-            case TakeBreak(), BreakLine() if line.after_block == step.after_block:
-                recorder.append(
-                    Break(
-                        **recorder.stamps(),
-                        after_block=step.after_block,
-                        duration_s=line.duration_s,
-                    )
-                )
-            case AskQuestion(), AnswerLine() if line.question == step.question.name:
-                recorder.append(Answer(**recorder.stamps(), question=line.question, text=line.text))
-            case RunTrial(), AttemptLine():
-                self._attempt(step, line, recorder)
-            case _:
-                raise self._wrong(f"must be what comes next, {_named(step)}", line.kind)
+                return {"language": self.begun.language}
+            case StartBlock(block=due), BlockStartLine(block=block) if block == due:
+                return {"trials": step.trials}
+            case EndBlock(due), BlockEndLine(block=said) if said == due:
+                return {}
+            case TakeBreak(due), BreakLine(after_block=said) if said == due:
+                return {}
+            case AskQuestion(), AnswerLine(question=said) if said == step.question.name:
+                return {}
+        raise self._wrong(f"must be what comes next, {_named(step)}", line.kind)
 
-    def _attempt(self, step: RunTrial, line: AttemptLine, recorder: Recorder) -> None:
-        """Run a trial again on what was observed, and write it."""
-        places: tuple[tuple[str, object, object], ...] = (
-            ("trial", step.trial.id, line.trial),
-            ("attempt", step.attempt, line.attempt),
-            ("position", step.position, line.position),
-        )
-        for what, planned, found in places:
-            if planned != found:
-                raise self._wrong(f"{what} must be {planned}, as the plan has it", found)
+    def _attempt(self, line: AttemptLine, recorder: Recorder) -> Attempt:
+        """Run a trial again on what was observed; return the event of what comes out."""
+        step = self.next_step(recorder)
+        if not isinstance(step, RunTrial):
+            raise self._wrong(f"must be what comes next, {_named(step)}", line.kind)
+        planned = (step.trial.id, step.attempt, step.position)
+        self._check(line, ("trial", "attempt", "position"), planned, "as the plan has it")
         script = self.scripts.of(step.trial)
         stage = ReplayedStage(line, self.begun.rate_hz)
         made: list[Attempt] = []
 
         def write(trial: Trial, log: AttemptLog) -> None:
             stage.written = True
-            event = attempt_event(
-                step,
-                trial,
-                log,
-                script,
-                self.manifest,
-                recorder,
-                stage.kept(),
-                WatchedGaze(),
+            kept, watched = stage.kept(), WatchedGaze()
+            made.append(
+                attempt_event(step, trial, log, script, self.manifest, recorder, kept, watched)
             )
-            made.append(event)
 
         try:
             run_attempt(script, stage, None, write)
         except ValueError as error:
             raise self._wrong("flips must be such as a screen shows", error) from None
         (event,) = made
-        claims: tuple[tuple[str, object, object], ...] = (
-            ("outcome", event.outcome, line.outcome),
-            ("void_reason", event.void_reason, line.void_reason),
-            ("answer", event.answer, line.answer),
-            ("flips", stage.used, len(line.flips_us)),
-        )
-        for what, ran, claimed in claims:
-            if ran != claimed:
-                raise self._wrong(f"{what} must be {ran}, as the trial comes out", claimed)
-        recorder.append(event)
-        self.attempts += 1
-        if line.disturbed:
-            recorder.append(Note(**recorder.stamps(), text=DISTURBANCES[line.disturbed[1]]))
+        ran, ends = (event.outcome, event.void_reason, event.answer), "as the trial comes out"
+        self._check(line, ("outcome", "void_reason", "answer"), ran, ends)
+        if stage.used != len(line.flips_us):
+            raise self._wrong(f"flips must be {stage.used}, {ends}", len(line.flips_us))
+        return event
+
+    def _check(
+        self, line: AttemptLine, keys: Sequence[str], ours: Sequence[object], why: str
+    ) -> None:
+        """Refuse a line that says something else than we do."""
+        for key, must in zip(keys, ours, strict=True):
+            if (found := getattr(line, key)) != must:
+                raise self._wrong(f"{key} must be {must}, {why}", found)
 
     def _wrong(self, what: str, found: object) -> ContradictionError:
         return ContradictionError(f"line number {self.line.n}: {what} (got {found})")

@@ -63,6 +63,23 @@ def test_a_session_at_another_refresh_rate_keeps_its_times_within_the_tolerance(
     assert all(abs(p.offset_s - p.onset_s - stated_s) < 2e-6 for p in shown)
 
 
+@pytest.mark.parametrize(("kept", "damaged"), [(0.5, 1), (1.0, 0)])
+def test_a_line_behind_what_is_left_of_another_counts(kernel, case, tmp_path, kept, damaged):
+    """Texts of two participants, of which the first was cut, or only lost its last line feed."""
+    of, path = case("yes-no"), tmp_path / "joined.txt"
+    first, second = ("".join(of.session(kernel, f"W{n}", slot=n)["results"]) for n in (0, 1))
+    cut = first[: int(kept * len(first))].rstrip("}\n") if damaged else first[:-1]
+    path.write_text(cut + second, encoding="utf-8")
+
+    inbox = read_results([path])
+    found = import_results(inbox, of.study, of.display, of.manifest, tmp_path / "sessions")
+
+    assert len(inbox.damaged) == damaged
+    assert [(one.state, one.reason) for one in found] == [
+        ("imported", "" if damaged else "completed"), ("imported", "completed"),
+    ]  # fmt: skip
+
+
 def test_pages_that_die_at_any_write_lose_nothing_and_double_nothing(kernel, case, tmp_path, full):
     of, deaths = case("yes-no"), 0
     for luck in range(60 if full else 4):
