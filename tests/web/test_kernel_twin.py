@@ -420,9 +420,12 @@ def check_flips(kernel: Kernel, refresh_hz: float, steps: list[tuple[int, float]
 
 
 def web_script(script: TrialScript) -> dict[str, Any]:
-    """A script as the browser has it: pictures by the names of their files."""
+    """A script as the browser has it: pictures by the names of their files, and nothing live."""
     text = script.model_dump(mode="json")
     for phase in text["phases"]:
+        for entry in phase["show"]:
+            if entry["kind"] == "live":
+                entry |= {"kind": "frames", "every": 0, "last": 0, "crop": None}
         pictures = [entry for entry in phase["show"] if entry["kind"] == "picture"]
         for picture in [*pictures, *phase["follows"].values()]:
             picture["of"] = sha256_json(picture["of"])

@@ -1,16 +1,9 @@
 /** A study in this page: gate, session, thanks. `run` is all that a shell such as jsPsych calls. */
 import { conduct, type Ending } from "./kernel/conduct";
+import type { WebStudy } from "./kernel/formats";
 import { LineLog, type Begun } from "./kernel/lines";
-import type { WebStudy } from "./kernel/study";
 import { FileError, fetched, Files, sha256 } from "./stage/files";
-import {
-  checkDevice,
-  machineOf,
-  measuredRate,
-  nearestRate,
-  Refusal,
-  scaleOf,
-} from "./stage/gate";
+import { checkDevice, machineOf, measuredRate, nearestRate, Refusal, scaleOf } from "./stage/gate";
 import { cover, fillScreen, Screen, showNote } from "./stage/screen";
 import { filled, wordsOf, type Words } from "./stage/words";
 import { CopyingStore, JatosStore, LocalStore, insist, UnsentError, type Jatos } from "./store/stores";
@@ -64,18 +57,12 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     const screen = new Screen(canvas, pages, study, files, words, scale, pictures);
     const stamps = () => screen.stamps();
     const machine = machineOf(measured, size, scale, link.has("simulated"));
-    let lines: LineLog;
-    if (past) {
-      lines = await LineLog.reopened(store, study.study, stamps, past);
-      await lines.say({ kind: "resume", rate_hz: rate.refresh_hz, machine });
-    } else {
-      const begun = await drawn(study, language, rate.refresh_hz, link, options.jatos);
-      lines = LineLog.begin(store, study.study, stamps, begun);
-      const { protocol_sha256, manifest_sha256, revision } = study;
-      const of = { protocol_sha256, manifest_sha256, revision, machine };
-      const study_file_sha256 = await sha256(bytes);
-      await lines.say({ kind: "start", format: 1, study_file_sha256, ...of, ...begun });
-    }
+    const { refresh_hz } = rate;
+    const lines = past
+      ? await LineLog.reopened(store, study, stamps, past, refresh_hz, machine)
+      : await LineLog.begin(
+          store, study, stamps, await drawn(study, language, refresh_hz, link, options.jatos), await sha256(bytes), machine,
+        );
     const hash = (text: string) => sha256(new TextEncoder().encode(text));
     let ending: Ending;
     try {

@@ -1,7 +1,7 @@
 /** Packs come in parts where the server can, and whole where it cannot; hashes come first. */
 import { createHash } from "node:crypto";
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
-import type { Pack, WebStudy } from "../src/kernel/study";
+import type { Pack, WebStudy } from "../src/kernel/formats";
 import { Files, partsOf } from "../src/stage/files";
 
 const SIZES = [700_000, 300_000, 500_000, 2_000_000, 10];

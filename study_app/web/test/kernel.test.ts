@@ -2,11 +2,11 @@
 import { describe, expect, test } from "vitest";
 import { nextLevel } from "../src/kernel/adaptive";
 import { Chance } from "../src/kernel/chance";
-import type { Design, UpDownRule } from "../src/kernel/design";
+import type { ScriptQuestion, UpDownRule, WebDesign } from "../src/kernel/formats";
 import { Pacer } from "../src/kernel/pacing";
 import { placeOf } from "../src/kernel/places";
 import { latinRow } from "../src/kernel/plan";
-import { answerOf, frameOf, type Question } from "../src/kernel/script";
+import { answerOf, frameOf } from "../src/kernel/script";
 
 describe("chance", () => {
   test("is SHA-256 of the seed's hash and a counter", () => {
@@ -30,7 +30,7 @@ describe("chance", () => {
 
 describe("places and rows", () => {
   test("drawn places are a permutation of each round", () => {
-    const design = { places: "drawn", rounds: [2, 6] } as unknown as Design;
+    const design = { places: "drawn", rounds: [2, 6] } as unknown as WebDesign;
     const places = [...Array(12).keys()].map((slot) => placeOf(design, 5, slot));
     expect([...places.slice(0, 6)].sort()).toEqual([0, 1, 2, 3, 4, 5]);
     expect([...places.slice(6)].sort()).toEqual([0, 1, 2, 3, 4, 5]);
@@ -79,7 +79,7 @@ describe("levels", () => {
 });
 
 describe("answers and frames", () => {
-  const question: Question = {
+  const question: ScriptQuestion = {
     name: "answer",
     answers: ["first", "second", "none"],
     keys: [["left", "a"], ["right"], ["space"]],

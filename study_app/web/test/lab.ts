@@ -1,6 +1,5 @@
 /** The stage without a session: paints what it is told, and compares it with what Python expects. */
-import type { ScriptPhase, Picture } from "../src/kernel/script";
-import type { WebStudy } from "../src/kernel/study";
+import type { ShownPicture, WebPhase, WebStudy } from "../src/kernel/formats";
 import { fetched, Files } from "../src/stage/files";
 import { painterOf, type Painter } from "../src/stage/painter";
 import { cover } from "../src/stage/screen";
@@ -33,7 +32,7 @@ const lab = {
     painter.hold(frames);
     return [width, height, painter.kind];
   },
-  paint(phase: ScriptPhase, refreshes: number, notice: Picture | null): void {
+  paint(phase: WebPhase, refreshes: number, notice: ShownPicture | null): void {
     painter.paint({ phase, refreshes, notice });
   },
   /** Of the canvas: how many pixels differ from the file, and by how many codes at most. */

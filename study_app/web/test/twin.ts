@@ -4,19 +4,18 @@ import { createInterface } from "node:readline";
 import type { AttemptRun, Disturbance, Press } from "../src/kernel/attempt";
 import { Chance } from "../src/kernel/chance";
 import { conduct, type Page, type PageResult, type Stage } from "../src/kernel/conduct";
-import { at } from "../src/kernel/design";
-import { LineLog, type Begun, type History, type Machine, type Store } from "../src/kernel/lines";
-import type { WebStudy } from "../src/kernel/study";
+import type { Machine, QuestPlusRule, UpDownRule, WebDesign, WebStudy } from "../src/kernel/formats";
+import { LineLog, type Begun, type History, type Store } from "../src/kernel/lines";
+import { at } from "../src/kernel/list";
 import { nextLevel, type Answered } from "../src/kernel/adaptive";
-import type { Design, Person, QuestPlusRule, UpDownRule } from "../src/kernel/design";
 import { Pacer } from "../src/kernel/pacing";
-import { makePlan } from "../src/kernel/plan";
-import type { TrialScript } from "../src/kernel/script";
+import { makePlan, type Person } from "../src/kernel/plan";
+import { frameOf, type TrialScript } from "../src/kernel/script";
 import { following, nextStep, type SessionEvent } from "../src/kernel/session";
-import { advance, BEGIN, follows, isDone, shownFrames, type Observed } from "../src/kernel/trial";
+import { advance, BEGIN, follows, isDone, type Observed, type Trial } from "../src/kernel/trial";
 
 type Asked =
-  | { ask: "design"; name: string; design: Design }
+  | { ask: "design"; name: string; design: WebDesign }
   | { ask: "plan"; name: string; person: Person }
   | { ask: "walk"; name: string; person: Person; events: SessionEvent[] }
   | { ask: "levels"; rule: QuestPlusRule | UpDownRule; history: Answered[] }
@@ -33,9 +32,16 @@ interface Faults {
   readonly killed: number;
 }
 
-const designs = new Map<string, Design>();
+/** [stimulus, frame] of everything of the trial's that the next flip shows. */
+function framesOf(trial: Trial, script: TrialScript): [number, number][] {
+  const { show } = at(script.phases, trial.phase);
+  const shown = show.filter((entry) => entry.kind === "frames");
+  return shown.map((entry) => [entry.stimulus, frameOf(entry, trial.frames)]);
+}
 
-function designOf(name: string): Design {
+const designs = new Map<string, WebDesign>();
+
+function designOf(name: string): WebDesign {
   const design = designs.get(name);
   if (!design) throw new Error(`no design ${name}`);
   return design;
@@ -151,17 +157,9 @@ async function session(asked: Extract<Asked, { ask: "session" }>): Promise<unkno
     const stamps = () => screen.stamps();
     try {
       const past = await server.load();
-      let lines: LineLog;
-      if (past) {
-        lines = await LineLog.reopened(server, study.study, stamps, past);
-        await lines.say({ kind: "resume", rate_hz: rate.refresh_hz, machine: MACHINE });
-      } else {
-        lines = LineLog.begin(server, study.study, stamps, begun);
-        const { protocol_sha256, manifest_sha256, revision } = study;
-        const of = { protocol_sha256, manifest_sha256, revision, machine: MACHINE };
-        const study_file_sha256 = await hash(JSON.stringify(study));
-        await lines.say({ kind: "start", format: 1, study_file_sha256, ...of, ...begun });
-      }
+      const lines = past
+        ? await LineLog.reopened(server, study, stamps, past, rate.refresh_hz, MACHINE)
+        : await LineLog.begin(server, study, stamps, begun, await hash(JSON.stringify(study)), MACHINE);
       const ending = await conduct(study, rate, lines, screen, hash);
       return { ending, deaths, results: server.results };
     } catch (error) {
@@ -201,7 +199,7 @@ function answer(asked: Asked): unknown {
       let trial = BEGIN;
       return asked.observed.flatMap((observed) => {
         if (isDone(trial, asked.script)) return [];
-        const shows = shownFrames(trial, asked.script);
+        const shows = framesOf(trial, asked.script);
         const told = follows(trial, asked.script)?.of ?? null;
         trial = advance(trial, observed, asked.script);
         return [{ ...trial, shows, told }];

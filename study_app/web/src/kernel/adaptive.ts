@@ -2,7 +2,8 @@
  *
  * The table of the psychometric function comes from Python, so no special function is written here.
  */
-import { at, type QuestPlusRule, type UpDownRule } from "./design";
+import type { QuestPlusRule, UpDownRule } from "./formats";
+import { at } from "./list";
 
 /** A level that was shown, and whether the answer was right. */
 export type Answered = readonly [level: number, correct: boolean];

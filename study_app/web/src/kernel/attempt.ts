@@ -1,36 +1,25 @@
 /** One attempt, flip by flip, as `study_app/attempt.py` defines it; and the log of what was
  * observed, from which Python runs it again.
  */
-import { at } from "./design";
+import type { AttemptLine, Press as ReadPress, ScriptQuestion, ShownPicture, WebPhase } from "./formats";
+import { at } from "./list";
 import { Pacer } from "./pacing";
-import { answerOf, type Interrupt, type Picture, type Question, type ScriptPhase, type TrialScript } from "./script";
+import { answerOf, type Interrupt, type TrialScript } from "./script";
 import { advance, BEGIN, follows, isDone, isOver, type Trial } from "./trial";
 
-export type Disturbance = "focus" | "hidden" | "full-screen" | "size";
+/** Observations of an attempt: a press and a disturbance say after which flip. */
+export type AttemptLog = Pick<AttemptLine, "flips_us" | "presses" | "disturbed">;
+export type Disturbance = NonNullable<AttemptLine["disturbed"]>[1];
 
 /** A key that went down, or the pointer. */
-export interface Press {
-  readonly key: string;
-  /** On the page's clock. */
-  readonly at_us: number;
-  /** Of the pointer: share of the study's screen, from the left. */
-  readonly x: number | null;
-}
-
-/** Observations of an attempt: a press and a disturbance say after which flip. */
-export interface AttemptLog {
-  /** The first on the page's clock, each other one since that before. */
-  readonly flips_us: readonly number[];
-  readonly presses: readonly (Press & { readonly flip: number })[];
-  readonly disturbed: readonly [flip: number, what: Disturbance] | null;
-}
+export type Press = Omit<ReadPress, "flip">;
 
 /** Picture of the next flip. */
 export interface Shown {
-  readonly phase: ScriptPhase;
+  readonly phase: WebPhase;
   readonly refreshes: number;
   /** Notice of how the attempt stands, drawn first. */
-  readonly notice: Picture | null;
+  readonly notice: ShownPicture | null;
 }
 
 export class AttemptRun {
@@ -39,9 +28,9 @@ export class AttemptRun {
   readonly interrupts: Interrupt[] = [];
   private readonly pacer: Pacer;
   private readonly stamps_us: number[] = [];
-  private readonly presses: (Press & { flip: number })[] = [];
+  private readonly presses: ReadPress[] = [];
   private disturbed: [number, Disturbance] | null = null;
-  private asked: Question | null = null;
+  private asked: ScriptQuestion | null = null;
   private onset_us = 0;
   private written = false;
 

@@ -3,11 +3,11 @@
  * As `study_app/conduct.py`, with promises. The stage knows the DOM, this does not.
  */
 import { AttemptRun } from "./attempt";
+import type { EndLine, RefreshRate, WebPages, WebQuestion, WebStudy } from "./formats";
 import type { LineLog } from "./lines";
 import { makePlan, type PlannedTrial } from "./plan";
 import { following, nextStep, type Attempt, type Step } from "./session";
-import { scriptOf, type ClosingQuestion, type Pages, type Rate, type WebStudy } from "./study";
-import type { TrialScript } from "./script";
+import { scriptOf, type TrialScript } from "./script";
 
 export type PageName =
   | "consent"
@@ -26,7 +26,7 @@ export interface Page {
   readonly text: string;
   /** Shortest time on the page, s; a participant who goes on earlier stays. */
   readonly least_s: number;
-  readonly question: ClosingQuestion | null;
+  readonly question: WebQuestion | null;
   /** Text that was typed or chosen before the question was left. */
   readonly draft: string;
   /** Share of the session that is done, shown as a bar; 0: nothing is shown. */
@@ -52,11 +52,11 @@ export interface Stage {
   attempt(run: AttemptRun): Promise<void>;
 }
 
-export type Ending = "completed" | "quit" | "consent-refused" | "error";
+export type Ending = EndLine["reason"];
 
 export async function conduct(
   study: WebStudy,
-  rate: Rate,
+  rate: RefreshRate,
   lines: LineLog,
   stage: Stage,
   hash: (text: string) => Promise<string>,
@@ -76,11 +76,11 @@ export async function conduct(
 
 class Conductor {
   private readonly plan;
-  private readonly pages: Pages;
+  private readonly pages: WebPages;
 
   constructor(
     private readonly study: WebStudy,
-    private readonly rate: Rate,
+    private readonly rate: RefreshRate,
     private readonly lines: LineLog,
     private readonly stage: Stage,
     private readonly hash: (text: string) => Promise<string>,

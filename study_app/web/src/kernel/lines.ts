@@ -1,78 +1,20 @@
 /** The lines that go home, as `protocols/browser/web_lines.py` defines them. */
-import type { AttemptLog } from "./attempt";
+import type { Machine, Sent, StartLine, WebLine, WebStudy } from "./formats";
 import type { SessionEvent } from "./session";
-import type { VoidReason } from "./script";
-
-/** Machine as the gate found it: nothing that tells one person from another. */
-export interface Machine {
-  readonly browser: string;
-  readonly refresh_hz: number;
-  readonly missed_share: number;
-  readonly window_px: readonly [number, number];
-  readonly device_pixel_ratio: number;
-  readonly scale: number;
-  readonly color_gamut: "srgb" | "p3" | "rec2020" | "unknown";
-  readonly full_screen: boolean;
-  readonly touch: boolean;
-  /** An artificial observer drives the page. */
-  readonly simulated: boolean;
-}
 
 /** Participant of a session, and the source of its numbers. */
-export interface Begun {
-  readonly participant: string;
-  readonly slot: number;
-  readonly slot_from: "link" | "batch" | "drawn";
-  readonly seed: number;
-  readonly language: string;
-  readonly rate_hz: number;
-  readonly identifier: string | null;
-}
+export type Begun = Pick<
+  StartLine,
+  "participant" | "slot" | "slot_from" | "seed" | "language" | "rate_hz" | "identifier"
+>;
 
-export interface AttemptSaid extends AttemptLog {
-  readonly kind: "attempt";
-  readonly trial: string;
-  readonly attempt: number;
-  readonly position: number;
-  readonly outcome: "completed" | "void";
-  readonly void_reason: VoidReason | null;
-  readonly answer: string | null;
-}
+type Without<L, K extends keyof L> = L extends unknown ? Omit<L, K> : never;
 
-export type Said =
-  | (Begun & {
-      readonly kind: "start";
-      readonly format: 1;
-      readonly protocol_sha256: string;
-      readonly manifest_sha256: string;
-      readonly study_file_sha256: string;
-      readonly revision: string;
-      readonly machine: Machine;
-    })
-  | { readonly kind: "resume"; readonly rate_hz: number; readonly machine: Machine }
-  | { readonly kind: "consent"; readonly agreed: boolean; readonly text_sha256: string }
-  | { readonly kind: "block-start"; readonly block: number }
-  | { readonly kind: "block-end"; readonly block: number }
-  | { readonly kind: "break"; readonly after_block: number; readonly duration_s: number }
-  | { readonly kind: "pause"; readonly duration_s: number }
-  | AttemptSaid
-  | { readonly kind: "answer"; readonly question: string; readonly text: string }
-  | { readonly kind: "note"; readonly text: string }
-  | {
-      readonly kind: "end";
-      readonly reason: "completed" | "quit" | "consent-refused" | "error";
-    };
+/** Event of a line, without number, times and sender. */
+export type Said = Without<WebLine, keyof Sent>;
 
-export type Line = Said & {
-  readonly study: string;
-  readonly participant: string;
-  /** Number of the opening of the page that wrote it, from 0. */
-  readonly run: number;
-  /** Number of the line, from 0, over all runs. */
-  readonly n: number;
-  readonly t_s: number;
-  readonly at: string;
-};
+/** Clocks of the page, when a line is made. */
+type Stamps = () => Pick<Sent, "t_s" | "at">;
 
 /** Memory of a page that is opened again; small enough for a server's memory of a session. */
 export interface History {
@@ -101,31 +43,33 @@ export class LineLog {
   private constructor(
     private readonly store: Store,
     private readonly study: string,
-    private readonly stamps: () => { t_s: number; at: string },
+    private readonly stamps: Stamps,
     readonly begun: Begun,
     readonly run: number,
     private next: number,
     private events: readonly SessionEvent[],
   ) {}
 
-  static begin(
-    store: Store,
-    study: string,
-    stamps: () => { t_s: number; at: string },
-    begun: Begun,
-  ): LineLog {
-    return new LineLog(store, study, stamps, begun, 0, 0, []);
+  /** Begin with a new participant's first line. */
+  static async begin(
+    store: Store, study: WebStudy, stamps: Stamps, begun: Begun, study_file_sha256: string, machine: Machine,
+  ): Promise<LineLog> {
+    const lines = new LineLog(store, study.study, stamps, begun, 0, 0, []);
+    const { protocol_sha256, manifest_sha256, revision } = study;
+    const of = { study_file_sha256, protocol_sha256, manifest_sha256, revision, machine };
+    await lines.say({ kind: "start", format: 1, ...of, ...begun });
+    return lines;
   }
 
   /** Go on where a page stopped. */
   static async reopened(
-    store: Store,
-    study: string,
-    stamps: () => { t_s: number; at: string },
-    past: History,
+    store: Store, study: WebStudy, stamps: Stamps, past: History, rate_hz: number, machine: Machine,
   ): Promise<LineLog> {
     await store.send(past.last);
-    return new LineLog(store, study, stamps, past.begun, past.run + 1, past.next, past.events);
+    const { begun, run, next, events } = past;
+    const lines = new LineLog(store, study.study, stamps, begun, run + 1, next, events);
+    await lines.say({ kind: "resume", rate_hz, machine });
+    return lines;
   }
 
   /** Events so far, of all that decides what comes next. */
@@ -137,7 +81,7 @@ export class LineLog {
     const { study, run, begun } = this;
     const n = this.next++;
     if (event) this.events = [...this.events, event];
-    const line: Line = { study, participant: begun.participant, run, n, ...this.stamps(), ...said };
+    const line = { study, participant: begun.participant, run, n, ...this.stamps(), ...said };
     const text = JSON.stringify(line) + "\n";
     await this.store.keep({ begun, run, next: this.next, events: this.events, last: text });
     await this.store.send(text);

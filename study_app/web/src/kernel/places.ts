@@ -1,8 +1,8 @@
 /** A slot's place in the counterbalancing, as `protocols/plan.py` defines it. */
 import { Chance } from "./chance";
-import type { Design } from "./design";
+import type { WebDesign } from "./formats";
 
-export function placeOf(design: Design, seed: number, slot: number): number {
+export function placeOf(design: WebDesign, seed: number, slot: number): number {
   if (design.places !== "drawn") return slot;
   const [short, whole] = design.rounds;
   const number = Math.floor(slot / short);

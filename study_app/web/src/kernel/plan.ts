@@ -1,6 +1,7 @@
 /** The trials of one participant, as `protocols/plan.py` defines them. */
 import { Chance } from "./chance";
-import { at, type Arrangement, type Cell, type Design, type Person } from "./design";
+import type { WebArrangement, WebCell, WebDesign } from "./formats";
+import { at } from "./list";
 import { placeOf } from "./places";
 
 export type Role = "practice" | "main" | "catch";
@@ -21,6 +22,13 @@ export interface PlannedTrial {
   readonly level: number | null;
 }
 
+/** Participant of a session. */
+export interface Person {
+  readonly seed: number;
+  readonly participant: string;
+  readonly slot: number;
+}
+
 export interface Plan extends Person {
   readonly trials: readonly PlannedTrial[];
 }
@@ -30,7 +38,7 @@ export function shown(trial: { readonly stimuli: readonly string[] }): string {
   return [...new Set(trial.stimuli)].sort().join("\n");
 }
 
-export function makePlan(design: Design, person: Person): Plan {
+export function makePlan(design: WebDesign, person: Person): Plan {
   const { seed, participant, slot } = person;
   const chance = new Chance(seed, participant, slot, "plan");
   const place = placeOf(design, seed, slot);
@@ -56,7 +64,7 @@ export function makePlan(design: Design, person: Person): Plan {
 }
 
 function planned(
-  design: Design,
+  design: WebDesign,
   role: Role,
   number: number,
   of: Partial<PlannedTrial>,
@@ -75,7 +83,7 @@ function planned(
   };
 }
 
-function arranged(cell: Cell, turn: number): Pick<Arrangement, "stimuli" | "correct"> {
+function arranged(cell: WebCell, turn: number): Pick<WebArrangement, "stimuli" | "correct"> {
   const { stimuli, correct } = at(
     cell.arrangements,
     (cell.parity + turn) % cell.arrangements.length,
@@ -84,7 +92,7 @@ function arranged(cell: Cell, turn: number): Pick<Arrangement, "stimuli" | "corr
 }
 
 /** The main trials in order: all of the first repeat, then all of the second, ... */
-function mainTrials(design: Design, place: number, chance: Chance): PlannedTrial[] {
+function mainTrials(design: WebDesign, place: number, chance: Chance): PlannedTrial[] {
   const { adaptive, cells, scenes } = design;
   if (adaptive) {
     const rounds = Array.from({ length: adaptive.trials }, () => chance.shuffled(adaptive.tracks));
@@ -92,11 +100,11 @@ function mainTrials(design: Design, place: number, chance: Chance): PlannedTrial
       .flat()
       .map(({ name }, number) => planned(design, "main", number, { track: name }));
   }
-  const ordered: [number, Cell][] = [];
+  const ordered: [number, WebCell][] = [];
   let round = 0;
   for (let repeat = 0; repeat < design.repeats; repeat++) {
     if (design.scene_order === "random") {
-      ordered.push(...chance.shuffled(cells).map((cell): [number, Cell] => [repeat, cell]));
+      ordered.push(...chance.shuffled(cells).map((cell): [number, WebCell] => [repeat, cell]));
       continue;
     }
     const queues = scenes.map((scene) =>
@@ -114,7 +122,7 @@ function mainTrials(design: Design, place: number, chance: Chance): PlannedTrial
   );
 }
 
-function practiceTrials(design: Design, place: number, chance: Chance): PlannedTrial[] {
+function practiceTrials(design: WebDesign, place: number, chance: Chance): PlannedTrial[] {
   const { practice } = design;
   if (!practice) return [];
   const cells = chance.shuffled(practice.cells);
@@ -126,7 +134,7 @@ function practiceTrials(design: Design, place: number, chance: Chance): PlannedT
 }
 
 /** [block, trial] of every catch trial, spread evenly. */
-function catchTrials(design: Design, place: number, chance: Chance): [number, PlannedTrial][] {
+function catchTrials(design: WebDesign, place: number, chance: Chance): [number, PlannedTrial][] {
   if (!design.catch_trials) return [];
   const order = chance.shuffled(design.catch_cells);
   return Array.from({ length: design.catch_trials }, (_, number) => {
@@ -191,7 +199,7 @@ function orderedApart(
 
 /** The trials of a block with the answers of their keys. */
 function keyed(
-  design: Design,
+  design: WebDesign,
   place: number,
   chance: Chance,
   trials: readonly PlannedTrial[],

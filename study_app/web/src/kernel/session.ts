@@ -3,16 +3,14 @@
  */
 import { nextLevel, type Answered } from "./adaptive";
 import { Chance } from "./chance";
-import { at, type Design } from "./design";
+import type {
+  AnswerLine, AttemptLine, BlockEndLine, BlockStartLine, BreakLine, ConsentLine, WebDesign,
+} from "./formats";
+import { at } from "./list";
 import { shown, type Plan, type PlannedTrial } from "./plan";
-import type { VoidReason } from "./script";
 
-export interface Attempt {
-  readonly kind: "attempt";
-  readonly trial: string;
-  readonly attempt: number;
-  readonly outcome: "completed" | "void";
-  readonly void_reason: VoidReason | null;
+export interface Attempt
+  extends Pick<AttemptLine, "kind" | "trial" | "attempt" | "outcome" | "void_reason"> {
   readonly correct: boolean | null;
   readonly track: string | null;
   readonly level: number | null;
@@ -22,11 +20,10 @@ export interface Attempt {
 /** Event of a session; kinds that decide nothing are left out. */
 export type SessionEvent =
   | Attempt
-  | { readonly kind: "consent"; readonly agreed: boolean }
-  | { readonly kind: "block-start"; readonly block: number }
-  | { readonly kind: "block-end"; readonly block: number }
-  | { readonly kind: "break"; readonly after_block: number }
-  | { readonly kind: "answer"; readonly question: string };
+  | Pick<ConsentLine, "kind" | "agreed">
+  | Pick<BlockStartLine | BlockEndLine, "kind" | "block">
+  | Pick<BreakLine, "kind" | "after_block">
+  | Pick<AnswerLine, "kind" | "question">;
 
 export type Step =
   | { readonly step: "ask-consent" }
@@ -51,7 +48,7 @@ export type Step =
 /** Voids that do not count towards `max_attempts`: nothing was wrong with the attempt itself. */
 const NOT_THE_PARTICIPANTS: ReadonlySet<string> = new Set(["paused", "quit", "focus-lost"]);
 
-export function nextStep(design: Design, plan: Plan, events: readonly SessionEvent[]): Step {
+export function nextStep(design: WebDesign, plan: Plan, events: readonly SessionEvent[]): Step {
   const consent = events.find((event) => event.kind === "consent");
   if (design.consent_required) {
     if (!consent) return { step: "ask-consent" };
@@ -87,7 +84,7 @@ export function nextStep(design: Design, plan: Plan, events: readonly SessionEve
 
 /** Return the trial after `trial`, the one that runs; null where that is not known. */
 export function following(
-  design: Design,
+  design: WebDesign,
   plan: Plan,
   events: readonly SessionEvent[],
   trial: PlannedTrial,
@@ -108,7 +105,7 @@ export function following(
 
 /** The trials of a block that are still to come, in order. */
 export function remaining(
-  design: Design,
+  design: WebDesign,
   plan: Plan,
   block: number,
   attempts: readonly Attempt[],
@@ -125,7 +122,7 @@ export function remaining(
 
 /** A trial with what it shows: for adaptive ones, given the attempts so far. */
 export function chosen(
-  design: Design,
+  design: WebDesign,
   plan: Plan,
   trial: PlannedTrial,
   attempts: readonly Attempt[],
@@ -158,7 +155,7 @@ function ofBlock(plan: Plan, block: number): PlannedTrial[] {
 }
 
 /** The rounds of practice with a criterion; none where practice has none. */
-function practiceRounds(design: Design, plan: Plan): PlannedTrial[][] {
+function practiceRounds(design: WebDesign, plan: Plan): PlannedTrial[][] {
   const { practice } = design;
   if (!practice || practice.criterion_share === null) return [];
   const trials = ofBlock(plan, 0);
@@ -178,14 +175,14 @@ function rightAnswers(trials: readonly PlannedTrial[], attempts: readonly Attemp
 }
 
 /** True if these answers to a round of practice reach its criterion. */
-function isPassed(design: Design, answers: readonly boolean[]): boolean {
+function isPassed(design: WebDesign, answers: readonly boolean[]): boolean {
   const share = design.practice?.criterion_share ?? null;
   const right = answers.filter(Boolean).length;
   return share !== null && answers.length > 0 && right >= share * answers.length;
 }
 
 function queueOf(
-  design: Design,
+  design: WebDesign,
   plan: Plan,
   trials: readonly PlannedTrial[],
   attempts: readonly Attempt[],

@@ -1,19 +1,9 @@
 /** One attempt at a trial, as `study_app/trial.py` defines it: a pure state machine, counted in
  * refreshes. No clock, screen or keyboard is read here.
  */
-import { at } from "./design";
-import {
-  afterAnswer,
-  frameOf,
-  questionsOf,
-  STUDY_QUESTION,
-  type Interrupt,
-  type Outcome,
-  type Picture,
-  type ScriptPhase,
-  type TrialScript,
-  type VoidReason,
-} from "./script";
+import type { ShownPicture, WebPhase } from "./formats";
+import { at } from "./list";
+import { afterAnswer, questionsOf, STUDY_QUESTION, type Interrupt, type TrialScript, type VoidReason } from "./script";
 
 export type Watch = "held" | "away" | "violation" | "loss";
 
@@ -64,22 +54,11 @@ export function isOver(trial: Trial): boolean {
   return trial.completed || trial.void_reason !== null;
 }
 
-/** [stimulus, frame] of everything of the trial's that the next flip shows. */
-export function shownFrames(trial: Trial, script: TrialScript): [number, number][] {
-  return at(script.phases, trial.phase).show.flatMap((entry): [number, number][] =>
-    entry.kind === "frames"
-      ? [[entry.stimulus, frameOf(entry, trial.frames)]]
-      : entry.kind === "live"
-        ? [[entry.stimulus, 0]]
-        : [],
-  );
-}
-
 /** The picture that says how the attempt stands, where the next flip shows one. */
-export function follows(trial: Trial, script: TrialScript): Picture | null {
+export function follows(trial: Trial, script: TrialScript): ShownPicture | null {
   const told = at(script.phases, trial.phase).follows;
   const judged = trial.completed && script.correct !== null;
-  const stands: (Outcome | null)[] = [
+  const stands = [
     trial.void_reason,
     trial.warned ? "warned" : null,
     judged ? (trial.answer === script.correct ? "right" : "wrong") : null,
@@ -116,7 +95,7 @@ export function advance(trial: Trial, observed: Observed, script: TrialScript): 
 }
 
 /** Go on by so many refreshes, to the next phase where this one has had its length. */
-function lasted(trial: Trial, step: number, phase: ScriptPhase): Trial {
+function lasted(trial: Trial, step: number, phase: WebPhase): Trial {
   const frames = trial.frames + step;
   const over = phase.frames !== null && frames >= phase.frames;
   return over ? { ...trial, phase: trial.phase + 1, frames: 0 } : { ...trial, frames };
@@ -127,7 +106,7 @@ function asked(
   trial: Trial,
   answer: string | null,
   step: number,
-  phase: ScriptPhase,
+  phase: WebPhase,
   script: TrialScript,
 ): Trial {
   const after = afterAnswer(script, trial.phase);
@@ -152,7 +131,7 @@ function gated(
   trial: Trial,
   observed: Observed,
   step: number,
-  phase: ScriptPhase,
+  phase: WebPhase,
   script: TrialScript,
 ): Trial {
   const enforced = script.gaze === "enforce";

@@ -1,5 +1,5 @@
 /** Files of the study: each is hashed before anything is decoded, and a wrong one is named. */
-import type { Pack, PictureFile, WebStudy } from "../kernel/study";
+import type { Pack, PictureFile, WebStudy } from "../kernel/formats";
 
 /** A file that is not the one that was hashed, or did not come. */
 export class FileError extends Error {}

@@ -1,7 +1,6 @@
 /** Before consent: can this browser and screen run the study? Refusals say what to do. */
-import type { Machine } from "../kernel/lines";
+import type { Machine, RefreshRate, WebStudy } from "../kernel/formats";
 import { Pacer } from "../kernel/pacing";
-import type { Rate, WebStudy } from "../kernel/study";
 import { filled, type Words } from "./words";
 
 const REFRESHES = 300;
@@ -67,8 +66,8 @@ export function rateOf(stamps_ms: readonly number[]): { refresh_hz: number; miss
 }
 
 /** The study's rate nearest to a measured one. */
-export function nearestRate(study: WebStudy, words: Words, refresh_hz: number): Rate {
-  const off = (rate: Rate) => Math.abs(refresh_hz / rate.refresh_hz - 1);
+export function nearestRate(study: WebStudy, words: Words, refresh_hz: number): RefreshRate {
+  const off = (rate: RefreshRate) => Math.abs(refresh_hz / rate.refresh_hz - 1);
   const [nearest] = [...study.rates].sort((a, b) => off(a) - off(b));
   if (nearest && off(nearest) <= NEAR_SHARE) return nearest;
   const rates = study.rates.map((rate) => rate.refresh_hz).join(", ");

@@ -4,8 +4,11 @@
  * straight alpha. Without it, a 2D canvas, on which smooth edges of pictures may be off by one code in
  * Firefox. Nothing is ever read back: some browsers answer with noise.
  */
-import { frameOf, type Entry, type Picture } from "../kernel/script";
 import type { Shown } from "../kernel/attempt";
+import type { WebPhase } from "../kernel/formats";
+import { frameOf } from "../kernel/script";
+
+type Entry = WebPhase["show"][number];
 
 export interface Painter {
   /** `webgl` or `2d`. */
@@ -41,8 +44,7 @@ export function painterOf(canvas: HTMLCanvasElement, look: Look): Painter {
 /** Everything that one flip shows, in its order. */
 function entriesOf(shown: Shown | null): { entry: Entry; refreshes: number }[] {
   if (!shown) return [];
-  const notice: Picture[] = shown.notice ? [shown.notice] : [];
-  return [...notice, ...shown.phase.show].map((entry) => ({ entry, refreshes: shown.refreshes }));
+  return [...(shown.notice ? [shown.notice] : []), ...shown.phase.show].map((entry) => ({ entry, refreshes: shown.refreshes }));
 }
 
 class Painter2D implements Painter {
@@ -76,7 +78,6 @@ class Painter2D implements Painter {
         context.fillRect(x + k * left, y + k * top, k * wide, k * high);
         continue;
       }
-      if (entry.kind === "live") throw new Error(NO_LIVE);
       const frames = entry.kind === "frames" ? this.stimuli[entry.stimulus] : undefined;
       const image =
         entry.kind === "frames"
@@ -95,8 +96,6 @@ class Painter2D implements Painter {
     return new Uint8Array(this.context.getImageData(0, 0, width, height).data);
   }
 }
-
-const NO_LIVE = "no browser draws pictures that follow the gaze";
 
 function greyOf(grey: number): string {
   return `rgb(${grey} ${grey} ${grey})`;
@@ -200,7 +199,6 @@ class GLPainter implements Painter {
       this.rect(entry.rect, [0, 0], 0, entry.grey / 255);
       return;
     }
-    if (entry.kind === "live") throw new Error(NO_LIVE);
     if (entry.kind === "frames") {
       const texture = this.stimuli[entry.stimulus];
       if (!texture) throw new Error("what a phase shows is not ready");

@@ -3,9 +3,9 @@
  */
 import type { AttemptRun, Disturbance, Press } from "../kernel/attempt";
 import type { Page, PageResult, Stage } from "../kernel/conduct";
+import type { WebStudy } from "../kernel/formats";
 import type { PlannedTrial } from "../kernel/plan";
 import { POINTER } from "../kernel/script";
-import type { WebStudy } from "../kernel/study";
 import type { Files } from "./files";
 import { keyName } from "./keys";
 import { painterOf, type Painter } from "./painter";
