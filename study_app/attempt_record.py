@@ -25,7 +25,7 @@ LIVE_HEADER = (
     ",gaze_x_px,gaze_y_px,field_x_px,field_y_px,age_s,eye,seed,drawn_sha256,pixels_sha256,grid"
     ",suppressed"
 )
-"""Of attempts with stimuli that follow the gaze: places are pixels of the stimulus."""
+"""Columns of live attempts: places are pixels of the stimulus that follows the gaze."""
 _SEEN, _LOST = "%.6f,%r,%.2f,%.2f\n", "%.6f,%r,,\n"  # filled faster than f-strings are
 
 

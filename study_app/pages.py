@@ -31,7 +31,7 @@ _MARGIN_SHARE = 0.12
 _LONGEST_LINE = 34
 """Width of a text in letter sizes: longer lines are hard to read."""
 _BAR_AT, _BAR_WIDE = _MARGIN_SHARE / 2, 0.4
-"""Of the bar that says how much is done: its top and width, in shares of the screen."""
+"""Top and width of the bar that says how much is done, in shares of the screen."""
 _CARET = "|"
 
 
@@ -57,7 +57,7 @@ class Sheet:
     size_px: tuple[int, int]
     """Width and height."""
     grey: int
-    """Of the letters."""
+    """Grey of the letters."""
     blocks: tuple[Block, ...]
     done_share: float = 0.0
     """Share of the session that is done, as a bar at the upper edge; 0: no bar."""

@@ -65,7 +65,7 @@ class Preview:
     html: str
     shown: int
     conditions: int
-    """Of the study, scenes aside: more than `shown` where they would not fit."""
+    """Number in the study, scenes aside: more than `shown` where they would not fit."""
     notes: tuple[str, ...]
     """Languages that no font of this machine writes."""
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
-from types import FrameType
-from typing import Any, TypeAlias
 
 from pipeline.gl.context import describe
 from protocols.errors import StudyError
@@ -47,7 +45,6 @@ if sys.platform == "win32":
     _TERMINAL_CLOSED = signal.SIGBREAK
 else:
     _TERMINAL_CLOSED = signal.SIGHUP
-Handler: TypeAlias = Callable[[int, FrameType | None], Any] | int | None
 
 
 def run_session(
@@ -247,7 +244,6 @@ def _validation(
 def _signals_quit(window: Window, protocol: StudyProtocol) -> Iterator[None]:
     """Let Ctrl-C in the terminal, or a polite kill, press the quit key; a second one stops hard."""
     asked: list[int] = []
-    before: Mapping[signal.Signals, Handler] = {}
 
     def on_signal(number: int, _frame: object) -> None:
         asked.append(number)
@@ -260,13 +256,8 @@ def _signals_quit(window: Window, protocol: StudyProtocol) -> Iterator[None]:
                 file=sys.stderr,
             )
 
-    with suppress(ValueError):  # not the main thread: signals are someone else's
-        before = {
-            number: signal.signal(number, on_signal)
-            for number in (signal.SIGINT, signal.SIGTERM, _TERMINAL_CLOSED)
-        }
-    try:
+    with ExitStack() as before:
+        with suppress(ValueError):  # not the main thread: signals are someone else's
+            for number in (signal.SIGINT, signal.SIGTERM, _TERMINAL_CLOSED):
+                before.callback(signal.signal, number, signal.signal(number, on_signal))
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

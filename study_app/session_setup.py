@@ -41,7 +41,7 @@ class SessionSetup:
     """Folder of all sessions."""
     participant: str
     language: str | None = None
-    """Of the texts; None: the protocol's default. A session that goes on keeps its own."""
+    """Language of the texts; None: the protocol's default. A session that goes on keeps its own."""
     stimuli: Path = Path()
     """Folder of the clips; nothing reads it where none has pixels."""
     gaze: str | None = None

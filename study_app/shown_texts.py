@@ -25,7 +25,7 @@ class ShownText:
     """A text that is shown on a screen of its own."""
 
     name: str
-    """Of the page."""
+    """Name of the page."""
     says: str
     """Occasion on which it is shown."""
     place: str

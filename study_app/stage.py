@@ -24,7 +24,7 @@ class KeyPress(NamedTuple):
     t_s: float
     """Time on the stage's clock."""
     at: float = 0.0
-    """Of the pointer: share of the screen's width, from the left."""
+    """Place of the pointer: share of the screen's width, from the left."""
 
 
 class FlipReport(NamedTuple):

@@ -51,7 +51,7 @@ class Trial(NamedTuple):
     """An attempt: what the next flip shows, and how it ended once it has."""
 
     phase: int = 0
-    """Of the phase; past the last one, the attempt is done."""
+    """Index of the phase; past the last one, the attempt is done."""
     frames: int = 0
     """Refreshes of this phase before the next flip; behind a gate, of the present hold."""
     waited: int = 0

@@ -82,7 +82,9 @@ def made(tmp_path_factory) -> Options:
     folder = tmp_path_factory.mktemp("demo")
     if reason := missing_window():
         (pytest.fail if os.environ.get("REQUIRE_GL") == "1" else pytest.skip)(f"there is {reason}")
-    options = Options(folder / "out", str(write_small_study(folder)), all=True, observers=3)
+    options = Options(
+        folder / "out", all=True, participants=3, study=str(write_small_study(folder))
+    )
     run_quietly(options)
     return options
 
@@ -241,7 +243,7 @@ def test_every_command_of_every_step_is_one_that_metamerlab_takes(tmp_path):
     for options in (
         Options(tmp_path),
         Options(tmp_path, all=True),
-        Options(tmp_path, "/a folder/study.toml", True, display="fhd27-60hz"),
+        Options(tmp_path, True, display="fhd27-60hz", study="/a folder/study.toml"),
     ):
         for step in steps_of(options, "showcase"):
             for chain in step.chains():

@@ -70,7 +70,7 @@ class Index(Model):
     """Path of the study's file in the archive."""
     protocol_sha256: Sha256
     revision: str
-    """Of the program that wrote the archive."""
+    """Revision of the program that wrote the archive."""
     secret: bool
     """True if the study's secret is in it."""
     clips: bool
@@ -290,16 +290,16 @@ class _Member(_SystemPath):
         with self.open("rb") as file:
             return bytes(file.read())
 
-    def is_file(self, **_: Any) -> bool:
+    def is_file(self, **_: object) -> bool:
         return self._place in self.names
 
-    def is_dir(self, **_: Any) -> bool:
+    def is_dir(self, **_: object) -> bool:
         return any(name.startswith(f"{self._place}/") for name in self.names)
 
-    def exists(self, **_: Any) -> bool:
+    def exists(self, **_: object) -> bool:
         return self.is_file() or self.is_dir()
 
-    def rglob(self, pattern: str, **_: Any) -> Generator[Any, None, None]:
+    def rglob(self, pattern: str, **_: object) -> Generator[Any, None, None]:
         for name in self.names:
             if name.startswith(f"{self._place}/") and PurePosixPath(name).name == pattern:
                 yield type(self)(self.archive_path) / name

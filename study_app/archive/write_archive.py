@@ -38,22 +38,25 @@ _PACKED_ALREADY = {".png", ".gz", ".webm"}
 
 @dataclass(frozen=True)
 class ArchiveOptions:
-    """Content that an archive is to hold."""
+    """Content that an archive is to hold beside the study's file."""
 
-    protocol: Path
-    sessions: Path
-    clips: Path | None = None
-    """The folder of built clips; None: not even their manifest."""
-    frames: bool = False
-    """Their frames as well."""
-    secret: bool = False
-    """The study's secret as well."""
+    sessions: Path = Path("sessions")
+    """Folder of sessions."""
+    stimuli: Path | None = None
+    """Folder of the built clips. Their manifest is included."""
+    with_clips: bool = False
+    """Include the frames."""
+    with_secret: bool = False
+    """Include the study's secret."""
     as_it_is: bool = False
-    """Also what is not as it was recorded."""
+    """Also archive what is not as it was recorded."""
 
 
 def write_archive(
-    wanted: ArchiveOptions, out: Path, progress: Progress = lambda _what, _done, _all: None
+    study: Path,
+    wanted: ArchiveOptions,
+    out: Path,
+    progress: Progress = lambda _what, _done, _all: None,
 ) -> tuple[Index, ArchiveFindings]:
     """Write a study into one file that did not exist before.
 
@@ -72,9 +75,7 @@ def write_archive(
     """
     if out.exists() or out.is_symlink():
         raise StudyError(f"{out}: must not exist yet; an archive is never written over a file")
-    path = wanted.protocol if wanted.protocol.exists() else shipped("studies").get(
-        str(wanted.protocol), wanted.protocol
-    )  # fmt: skip
+    path = study if study.exists() else shipped("studies").get(str(study), study)
     protocol = load_protocol(path, recorded=True)
     members = list(_members(wanted, path, protocol))
     with _appearing(out) as file:
@@ -86,7 +87,7 @@ def write_archive(
             protocol_sha256=protocol.sha256,
             revision=f"{package_version()} {code_revision()}",
             secret=any(entry.path.endswith(SECRET_SUFFIX) for entry in entries),
-            clips=wanted.frames,
+            clips=wanted.with_clips,
             files=entries,
         )
         with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
@@ -108,7 +109,7 @@ def _members(
     """Yield each file's place in the archive, and the file."""
     yield f"{STUDY}/{path.name}", path
     secret = path.with_suffix(SECRET_SUFFIX)
-    if protocol.privacy.secret_sha256 and secret.exists() and wanted.secret:
+    if protocol.privacy.secret_sha256 and secret.exists() and wanted.with_secret:
         yield f"{STUDY}/{secret.name}", secret
     for name in (protocol.display.display, getattr(protocol.stimuli, "table", None)):
         if name is None:
@@ -124,14 +125,14 @@ def _members(
         else:
             yield f"{STUDY}/{place}", path.parent / place
     yield from _sessions(wanted.sessions, protocol.study.name)
-    if wanted.clips is not None:
-        manifest = read_manifest(wanted.clips)
+    if wanted.stimuli is not None:
+        manifest = read_manifest(wanted.stimuli)
         check_manifest(protocol, manifest)
-        yield f"{CLIPS}/{MANIFEST_NAME}", wanted.clips / MANIFEST_NAME
-        for clip in manifest.clips if wanted.frames else ():
+        yield f"{CLIPS}/{MANIFEST_NAME}", wanted.stimuli / MANIFEST_NAME
+        for clip in manifest.clips if wanted.with_clips else ():
             for number in range(len(clip.frames_sha256)):
                 frame = clip.frame_path(number)
-                yield f"{CLIPS}/{frame}", wanted.clips / frame
+                yield f"{CLIPS}/{frame}", wanted.stimuli / frame
 
 
 def _sessions(root: Path, study: str) -> Iterator[tuple[str, Path]]:

@@ -122,7 +122,7 @@ _OLD_SPELLINGS: dict[tuple[str, ...], dict[str, str]] = {
         for name in ("psychometric", "detection", "reaction", "ratings")
     },
 }
-"""Of commands: what options were called before one thing had one name; no help shows it."""
+"""Earlier names of options by command, before one thing had one name; no help shows them."""
 
 
 class _FrontDoor(LazyGroup):

@@ -14,7 +14,7 @@ from protocols.errors import must_be_one_of
 if TYPE_CHECKING:
     from typer._click import Command, Context
 
-Completer = Callable[["Context", Any, str], list[str]]
+Completer = Callable[["Context", object, str], list[str]]
 
 
 def completing(command: Command) -> Command:
@@ -81,19 +81,19 @@ def _with_files(known: Iterable[str], typed: str, ending: str) -> list[str]:
     return [name for name in known if name.startswith(typed)] + found
 
 
-def _studies(_context: Context, _parameter: Any, typed: str) -> list[str]:
+def _studies(_context: Context, _parameter: object, typed: str) -> list[str]:
     from protocols.load import shipped
 
     return _with_files(shipped("studies"), typed, ".toml")
 
 
-def _displays(_context: Context, _parameter: Any, typed: str) -> list[str]:
+def _displays(_context: Context, _parameter: object, typed: str) -> list[str]:
     from protocols.load import shipped
 
     return _with_files(shipped("displays"), typed, ".toml")
 
 
-def _tasks(context: Context, _parameter: Any, typed: str) -> list[str]:
+def _tasks(context: Context, _parameter: object, typed: str) -> list[str]:
     from protocols.study_file.new_study import TEMPLATES
     from protocols.tasks.task_kinds import TASKS
 
@@ -101,7 +101,7 @@ def _tasks(context: Context, _parameter: Any, typed: str) -> list[str]:
     return [name for name in known if name.startswith(typed)]
 
 
-def _methods(context: Context, _parameter: Any, typed: str) -> list[str]:
+def _methods(context: Context, _parameter: object, typed: str) -> list[str]:
     """Complete the last of several names that commas join."""
     from pipeline.foveation.conditions import condition_names
     from pipeline.methods.registry import method_names

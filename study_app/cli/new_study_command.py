@@ -205,11 +205,7 @@ def new_study(
     from stimuli.recipes.example_pictures import example_files
 
     with whole_folder(folder) as work:
-        given = _Given(
-            own.scene or [], pairs, _groups(own.photos), _groups(own.exr),
-            _channels(own.channel), own.methods,
-        )  # fmt: skip
-        taken, notes = _own(work, folder, given, screen)
+        taken, notes = _own(work, folder, own, pairs, screen)
         secret = secrets.token_hex(32)
         texts = study_files(named, shown, screen, task, secret=secret, own=taken)
         made = {file: text.encode() for file, text in texts.items()} | example_files(task)
@@ -226,53 +222,40 @@ def new_study(
     say("and see README.md there.")
 
 
-@dataclass(frozen=True)
-class _Given:
-    """Files and names of a user's own; `photos` and `frames` hold the files of each option."""
-
-    scenes: list[str]
-    pairs: list[PairFiles]
-    photos: list[list[str]]
-    frames: list[list[str]]
-    channels: dict[str, str]
-    methods: str | None
-
-
 def _channels(given: list[str] | None) -> dict[str, str]:
     named = pairs_of("--channel", given or ())
     return {one_of("--channel", key, _CHANNELS): name for key, name in named.items()}
 
 
-def _groups(given: list[str] | None) -> list[list[str]]:
-    return [text.split(_BETWEEN) for text in given or ()]
-
-
-def _own(work: Path, folder: Path, given: _Given, screen: Display) -> tuple[OwnStimuli, list[str]]:
+def _own(
+    work: Path, folder: Path, own: OwnOptions, pairs: list[PairFiles], screen: Display
+) -> tuple[OwnStimuli, list[str]]:
     """Copy what is named into `work`; return it, and notes."""
-    if given.channels and not given.frames:
+    channels = _channels(own.channel)
+    if channels and not own.exr:
         raise StudyError("--channel: is of OpenEXR frames (got none); give them with --exr")
-    if not any((given.scenes, given.pairs, given.photos, given.frames, given.methods is not None)):
+    if not (own.scene or pairs or own.photos or own.exr or own.methods is not None):
         return OwnStimuli(), []
-    if given.photos:
-        if given.scenes or given.pairs or given.frames:
+    if own.photos:
+        if own.scene or pairs or own.exr:
             raise StudyError(
                 "--photos: must be given without --scene, --pair and --exr (a study shows pictures"
                 " for a gaze, or clips of scenes); make a study of each"
             )
-        return _own_photographs(work, folder, given, screen)
-    return _own_scenes(work, folder, given, screen)
+        return _own_photographs(work, folder, own, screen)
+    return _own_scenes(work, folder, own, pairs, screen)
 
 
 def _own_photographs(
-    work: Path, folder: Path, given: _Given, screen: Display
+    work: Path, folder: Path, own: OwnOptions, screen: Display
 ) -> tuple[OwnStimuli, list[str]]:
     from stimuli.recipes.bring_in import bring_methods, bring_photographs
 
     files: list[str] = []
-    for name in (name for group in given.photos for name in group):
+    for name in (name for group in own.photos or () for name in group.split(_BETWEEN)):
         files += _found(name)
     _each_once("--photos", [str(without_links(Path(file))) for file in files])
-    methods = given.methods
+    methods = own.methods
     shown = () if methods is None else bring_methods(methods, work, folder, stills=True)
     whole = screen.width_px, screen.height_px
     scenes, size_px, notes = bring_photographs(list(map(Path, files)), work, whole)
@@ -323,9 +306,9 @@ def _pattern(given: list[str]) -> str:
 
 
 def _own_scenes(
-    work: Path, folder: Path, given: _Given, screen: Display
+    work: Path, folder: Path, own: OwnOptions, pairs: list[PairFiles], screen: Display
 ) -> tuple[OwnStimuli, list[str]]:
-    scenes, pairs, methods = given.scenes, given.pairs, given.methods
+    scenes, methods, channels = own.scene or [], own.methods, _channels(own.channel)
     # Imported here: they bring the renderer along.
     from pipeline.errors import GLUnavailableError
     from pipeline.gl.context import create_context, release_context
@@ -347,11 +330,11 @@ def _own_scenes(
         photographed.append(brought)
         notes += of_it
     asked = []
-    patterns = [_pattern(files) for files in given.frames]
+    patterns = [_pattern(files.split(_BETWEEN)) for files in own.exr or ()]
     _each_once("--exr", patterns)
     for pattern in patterns:
         names = [each.name for each in photographed]
-        brought, clips = bring_frames(pattern, work, names, given.channels)
+        brought, clips = bring_frames(pattern, work, names, channels)
         photographed.append(brought)
         asked += [] if clips is None else [clips]
     ctx = None

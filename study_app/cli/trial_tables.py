@@ -42,8 +42,8 @@ class ScriptOptions:
     script: bool = False
     """Print a participant's plan and the scripts of its trials instead: phases, pictures, questions
     in refreshes and pixels."""
-    code: str = "P01"
-    """With --script: the participant's code."""
+    code: str | None = None
+    """With --script: the participant's code. Default: P01."""
     trial: str | None = None
     """With --script: trial to print, such as main-0003. Left out: all."""
     as_json: Annotated[bool, typer.Option("--json")] = False
@@ -67,13 +67,14 @@ def print_scripts(study: StudyProtocol, screen: Display, slot: int, wanted: Scri
     # Imported here: it brings fonts and image libraries along.
     from study_app.shown_texts import require_showable
 
-    session_folder(Path(), study, wanted.code)
+    code = "P01" if wanted.code is None else wanted.code
+    session_folder(Path(), study, code)
     spoken = study.text.default_language if wanted.language is None else wanted.language
     one_of("--language", spoken, study.text.languages)
     stimuli, trial = wanted.stimuli, wanted.trial
     manifest = read_manifest(stimuli) if stimuli else virtual_manifest(study, screen)
     require_showable(study, screen, manifest if stimuli else None)
-    plan = make_plan(study, manifest, wanted.code, slot)
+    plan = make_plan(study, manifest, code, slot)
     planned = [one for one in plan.trials if trial in (None, one.id)]
     if not planned:
         known = [one.id for one in plan.trials]

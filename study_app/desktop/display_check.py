@@ -54,7 +54,7 @@ class DisplayCheck(Model):
     revision: str
     platform: str
     gaze_to_flip: LatencySummary | None = None
-    """Of a synthetic gaze of 1000 Hz, drawn at no cost; None: not measured, as before a session."""
+    """Latency of a synthetic gaze of 1000 Hz, drawn at no cost; None: not measured."""
 
 
 def check_display(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 from contextlib import closing, suppress
-from typing import Any
+from typing import TypeAlias
 
 import glfw
 
@@ -12,6 +13,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from study_app.desktop.x11 import XServer
 
+Monitor: TypeAlias = "ctypes._Pointer[glfw._GLFWmonitor]"
 RATE_SLACK_HZ = 1.0
 """Video modes name whole hertz: 59.94 Hz is called 59 or 60."""
 
@@ -58,7 +60,7 @@ def monitor_display() -> Display:
     )  # fmt: skip
 
 
-def choose_monitor(display: Display) -> Any:
+def choose_monitor(display: Display) -> Monitor:
     """Return the monitor a display file names, or the primary one.
 
     Raises
@@ -80,7 +82,7 @@ def choose_monitor(display: Display) -> Any:
     return monitors[names.index(display.monitor)]
 
 
-def enlargement(monitor: Any) -> float:
+def enlargement(monitor: Monitor) -> float:
     """Return the desktop's pixels that an X server draws on one of the monitor; 1: no scaling.
 
     GLFW does not say it.

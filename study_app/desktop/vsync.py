@@ -29,21 +29,13 @@ class SyncValues:
     def __init__(self, library: ctypes.CDLL, display: int, drawable: int) -> None:
         get_proc = library.glXGetProcAddressARB
         get_proc.restype, get_proc.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
-        i64 = ctypes.POINTER(ctypes.c_int64)
-        address = get_proc(b"glXWaitForSbcOML")
-        self._wait = (
-            ctypes.CFUNCTYPE(
-                ctypes.c_int, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_int64, i64, i64, i64
-            )(address)
-            if address
-            else None
+        three = [ctypes.POINTER(ctypes.c_int64)] * 3
+        waits = ctypes.CFUNCTYPE(
+            ctypes.c_int, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_int64, *three
         )
-        address = get_proc(b"glXGetSyncValuesOML")
-        self._get = (
-            ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_ulong, i64, i64, i64)(address)
-            if address
-            else None
-        )
+        gives = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_ulong, *three)
+        wait, get = map(get_proc, (b"glXWaitForSbcOML", b"glXGetSyncValuesOML"))
+        self._wait, self._get = wait and waits(wait), get and gives(get)
         self._display, self._drawable = display, drawable
         self._values = [ctypes.c_int64() for _ in range(3)]  # microseconds, refreshes, swaps
         self._pointers = [ctypes.byref(value) for value in self._values]
@@ -63,14 +55,14 @@ class SyncValues:
 
     def answers(self) -> bool:
         """Return True if the driver gives values, and not only the extension's name."""
-        if self._get is None or self._wait is None or not self._display or not self._drawable:
+        if not (self._get and self._wait and self._display and self._drawable):
             return False
         given = self._get(ctypes.c_void_p(self._display), self._drawable, *self._pointers)
         return bool(given) and self._values[0].value > 0
 
     def last_swap_s(self) -> float | None:
         """Wait for the swap just asked for; return when it happened, or None if unanswered."""
-        if self._wait is None:
+        if not self._wait:
             return None
         display = ctypes.c_void_p(self._display)
         if not self._wait(display, self._drawable, 0, *self._pointers):
@@ -83,7 +75,7 @@ class MeasuredIntervals(Model):
 
     flips: Count
     mean_s: SecondsOrNone
-    """Of the intervals that were one refresh long."""
+    """Mean of the intervals that were one refresh long."""
     sd_s: SecondsOrNone
     min_s: SecondsOrNone
     max_s: SecondsOrNone

@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, NamedTuple
 
 import glfw
 import moderngl
@@ -344,33 +344,33 @@ class Window:
         self._line_s += max(1, late) * period_s
         self.pump_until(self._line_s)
 
-    def _on_key(self, _window: Any, key: int, scancode: int, action: int, _mods: int) -> None:
+    def _on_key(self, _window: object, key: int, scancode: int, action: int, _mods: int) -> None:
         if key == glfw.KEY_BACKSPACE and action != glfw.RELEASE:
             self._typed.append("\b")  # in its place among the characters
         if action == glfw.PRESS and (name := key_name(glfw, key, scancode)):
             self.press(name)
 
-    def _on_button(self, _window: Any, button: int, action: int, _mods: int) -> None:
+    def _on_button(self, _window: object, button: int, action: int, _mods: int) -> None:
         if action == glfw.PRESS and button == glfw.MOUSE_BUTTON_LEFT:
             at = self.cursor_px()[0] / self.display.width_px
             self._presses.append(KeyPress(POINTER, self.now(), at))
 
-    def _on_char(self, _window: Any, codepoint: int) -> None:
+    def _on_char(self, _window: object, codepoint: int) -> None:
         self._typed.append(chr(codepoint))
 
-    def _on_focus(self, _window: Any, focused: int) -> None:
+    def _on_focus(self, _window: object, focused: int) -> None:
         self._focused = bool(focused)
         if not focused:
             self._disturbance = self._disturbance or _NO_KEYBOARD
 
-    def _on_size(self, _window: Any, width: int, height: int) -> None:
+    def _on_size(self, _window: object, width: int, height: int) -> None:
         self._size = width, height
 
-    def _on_place(self, _window: Any, x: int, y: int) -> None:
+    def _on_place(self, _window: object, x: int, y: int) -> None:
         self._place = x, y
 
-    def _on_close(self, window: Any) -> None:
-        glfw.set_window_should_close(window, False)
+    def _on_close(self, _window: object) -> None:
+        glfw.set_window_should_close(self._handle, False)
         self._closing = True
 
 

@@ -15,13 +15,16 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable
 from contextlib import closing
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import psutil
 
 from pipeline.errors import GLUnavailableError
 from protocols.errors import StudyError
 from study_app.doctor.python_speed import loops_ms
+
+if TYPE_CHECKING:  # a driver is asked by the process of a probe alone
+    from study_app.desktop.monitor import Monitor
 
 Answer = dict[str, Any]  # JSON; "error" holds the reason where there is no answer
 
@@ -80,7 +83,7 @@ def display() -> Answer:
         return {"error": plain_text(reason) or "no display"}
     found: Answer = {
         "platform": window_system(),
-        "monitors": [_monitor(glfw, monitor) for monitor in glfw.get_monitors()],
+        "monitors": [_monitor(monitor) for monitor in glfw.get_monitors()],
         "disturbers": disturbers(process.name() for process in psutil.process_iter(["name"])),
     }
     if found["platform"] == "X11":
@@ -95,7 +98,9 @@ def display() -> Answer:
     return found
 
 
-def _monitor(glfw: Any, monitor: Any) -> Answer:
+def _monitor(monitor: Monitor) -> Answer:
+    import glfw
+
     from study_app.desktop.monitor import enlargement, plain_text
 
     mode = glfw.get_video_mode(monitor)

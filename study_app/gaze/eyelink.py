@@ -37,7 +37,7 @@ _SETUP = (
     "file_event_filter = LEFT,RIGHT,FIXATION,SACCADE,BLINK,MESSAGE,BUTTON,INPUT",
 )
 SCREEN_SHARE = 0.8
-"""Of the screen, between the outermost targets."""
+"""Share of the screen between the outermost targets."""
 _ERROR = re.compile(r"(\d+(?:\.\d+)?)\s*(?:deg|avg)")
 
 
@@ -383,7 +383,7 @@ def graphics(pylink: Any, desk: TrackerContext) -> Any:
 
         setup_cal_display = exit_cal_display = clear_cal_display = erase_cal_target
 
-        def get_input_key(self) -> list[Any]:
+        def get_input_key(self) -> list[object]:
             """Show one flip, and return the keys that went down; the quit key ends the setup."""
             down: list[str] = []
             if not desk.look_at(self.target_px, 0.0, lambda: None, down.append):
@@ -395,7 +395,7 @@ def graphics(pylink: Any, desk: TrackerContext) -> Any:
             """No picture of the camera here."""
             return 0
 
-        def _nothing(self, *_: Any) -> None:
+        def _nothing(self, *_: object) -> None:
             """No sound, and no picture of the camera: that is on the Host PC."""
 
         play_beep = get_mouse_state = _nothing

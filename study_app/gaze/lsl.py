@@ -19,12 +19,12 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.limits import FIXED
 from protocols.outside import visible_line
-from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo, rate_of
+from study_app.gaze.source import GazeSample, GazeSource, SourceInfo, rate_of
 from study_app.gaze.trusted import TrustedGaze
 
 _BUFFER_S = 10
 _CHANNELS_MOST = FIXED["channels"].most
-"""Of a stream: each sample comes with all of its channels, several times per refresh."""
+"""Limit for a stream: each sample comes with all of its channels, several times per refresh."""
 _RATE_MOST_HZ = FIXED["stream_hz"].most
 _RATE_FACTOR = 1.5
 """Largest factor between the rate of the first samples and the one that the stream says."""
@@ -86,7 +86,7 @@ def load_pylsl() -> Any:
     return pylsl
 
 
-class LslStream(ABC):
+class LslStream(GazeSource, ABC):
     """A source on an LSL stream: a kind of it says what the channels mean.
 
     Parameters
@@ -184,11 +184,6 @@ class LslStream(ABC):
                 self._offset_s = self._measure_offset(self._inlet, timeout_s=0.05)
             except (TimeoutError, self._pylsl.util.TimeoutError, self._pylsl.util.LostError):
                 return  # the last one stands
-
-    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
-        """The tracker's own program calibrates it."""
-        del points_px
-        return None
 
     def close(self) -> None:
         """Disconnect; safe to call twice."""

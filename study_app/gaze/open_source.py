@@ -18,7 +18,6 @@ from study_app.gaze.eyelink import EyelinkGaze
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.recording import Eye, Recording, load_recording
 from study_app.gaze.source import (
-    CalibrationResult,
     GazeSample,
     GazeSource,
     SourceInfo,
@@ -27,7 +26,7 @@ from study_app.gaze.source import (
 from study_app.gaze.trusted import TrustedGaze
 
 _METHODS = ("open", "info", "poll", "mark", "calibrate", "close")
-"""Of every `GazeSource`."""
+"""Methods of every `GazeSource`."""
 
 
 def recorded(rest: str) -> Recording:
@@ -121,7 +120,7 @@ def open_gaze(specification: str, desk: TrackerContext) -> TrustedGaze:
     return source
 
 
-class MouseGaze:
+class MouseGaze(GazeSource):
     """One sample per poll, that is per refresh.
 
     Parameters
@@ -142,9 +141,6 @@ class MouseGaze:
     ) -> None:
         self._cursor_px, self._clock, self._rate_hz = cursor_px, clock, rate_hz
 
-    def open(self) -> None:
-        """Nothing to connect to."""
-
     def info(self) -> SourceInfo:
         """Say that it is no eye."""
         return SourceInfo("mouse", "cursor in place of an eye", self._rate_hz, polled=True)
@@ -154,21 +150,12 @@ class MouseGaze:
         now_s = self._clock()
         return [GazeSample(now_s, now_s, *self._cursor_px())]
 
-    def mark(self, text: str) -> None:
-        """Markers have nowhere to go."""
-
-    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
-        """A mouse needs none."""
-
-    def close(self) -> None:
-        """Nothing to close."""
-
 
 SAME_TIME_S = 1e-6
 """A sample whose time comes within this has come: sums of refreshes are no exact numbers."""
 
 
-class ReplaySource:
+class ReplaySource(GazeSource):
     """Emits a recording's samples as their time comes, once.
 
     Parameters
@@ -214,10 +201,3 @@ class ReplaySource:
     def mark(self, text: str) -> None:
         """Keep the marker."""
         self.marks.append((self._clock(), text))
-
-    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> None:
-        """A recording cannot be calibrated."""
-        del points_px
-
-    def close(self) -> None:
-        """Nothing to close."""

@@ -33,7 +33,7 @@ FARTHEST_PX = 1e6
 NO_DATA = -32768.0
 """Number that EyeLink writes for one that it does not have, where it is not a dot."""
 WORSE_SHARE = 0.1
-"""Of samples: an eye that is lost so much more often than the other is not replayed."""
+"""Share of samples: an eye that is lost so much more often than the other is not replayed."""
 CORNER_PX = 60.0
 """Gaze that never leaves so small a corner is given in degrees, or in shares of the screen."""
 

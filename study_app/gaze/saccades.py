@@ -19,7 +19,7 @@ from protocols.errors import StudyError
 from study_app.gaze.source import GazeSample
 
 MULTIPLE = 6.0
-"""Of the deviation: the paper's lambda."""
+"""Multiple of the deviation: the paper's lambda."""
 LEAST_DEG_S = 30.0
 """No slower movement is a saccade, however quiet the tracker is."""
 SHORTEST_S = 0.006

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.viewing import Viewing
-from study_app.gaze.source import CalibrationResult, GazeSample, SourceInfo
+from study_app.gaze.source import CalibrationResult, GazeSample, GazeSource, SourceInfo
 
 _CHUNK = 256  # samples drawn at once
 _HORIZON_S = 120.0  # events are drawn this far ahead: no attempt is longer
@@ -58,7 +58,7 @@ HUMAN = GazeBehaviour(away_per_s=0.01, blink_per_s=0.2, loss_per_s=0.002)
 """About one attempt in fifteen is void: some glances away, some long blinks."""
 
 
-class SimulatedGaze:
+class SimulatedGaze(GazeSource):
     """An eye that looks at the dot, on the session's clock.
 
     Parameters
@@ -106,9 +106,6 @@ class SimulatedGaze:
         self._dot = self._home if place_deg is None else place_deg
         self._chunk = None
 
-    def open(self) -> None:
-        """Nothing to connect to."""
-
     def info(self) -> SourceInfo:
         """Say that no person sits there."""
         return SourceInfo("simulated", "seeded eye and tracker", self._rate_hz)
@@ -125,17 +122,11 @@ class SimulatedGaze:
             start = (index + 1) * _CHUNK
         return found
 
-    def mark(self, text: str) -> None:
-        """Markers have nowhere to go."""
-
     def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
         """Return the accuracy and precision of this eye's jitter."""
         behaviour = self._behaviour
         accuracy = math.hypot(behaviour.drift_deg, behaviour.drift_deg) / 2
         return CalibrationResult(accuracy, 2 * behaviour.jitter_deg, len(points_px))
-
-    def close(self) -> None:
-        """Nothing to close."""
 
     def _samples_of(self, index: int) -> list[GazeSample]:
         """Return a chunk's samples; they are kept until the next one is asked for."""

@@ -12,7 +12,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 
 ENOUGH_S = 0.5
-"""Of first samples, for their rate."""
+"""Length of the first samples, for their rate."""
 
 LookAt: TypeAlias = Callable[
     [tuple[float, float] | None, float, Callable[[], None], Callable[[str], None]], bool
@@ -93,10 +93,11 @@ class RawFile(NamedTuple):
 
 
 class GazeSource(Protocol):
-    """A tracker, or what stands for one."""
+    """A tracker, or what stands for one. Who derives from it inherits what does nothing."""
 
     def open(self) -> None:
         """Connect; `StudyError` if there is nothing to connect to."""
+        return
 
     def info(self) -> SourceInfo:
         """Describe the open source."""
@@ -104,14 +105,20 @@ class GazeSource(Protocol):
     def poll(self) -> Sequence[GazeSample]:
         """Return the samples since the last call, oldest first. Never waits."""
 
-    def mark(self, text: str) -> None:
+    def mark(self, text: str) -> None:  # noqa: ARG002
         """Write a marker into the tracker's own recording, where it has one."""
+        return
 
-    def calibrate(self, points_px: Sequence[tuple[float, float]]) -> CalibrationResult | None:
+    def calibrate(
+        self,
+        points_px: Sequence[tuple[float, float]],  # noqa: ARG002
+    ) -> CalibrationResult | None:
         """Run the tracker's own calibration; None where it has none."""
+        return None
 
     def close(self) -> None:
         """Disconnect; safe to call twice."""
+        return
 
 
 @runtime_checkable

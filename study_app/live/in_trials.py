@@ -42,14 +42,14 @@ class LiveFrame(NamedTuple):
 
     flip: DrawnFlip
     sha256: str
-    """Of all that decides it beside gaze, field and seed: `RendererDescription`."""
+    """Hash of all that decides it beside gaze, field and seed: `RendererDescription`."""
 
 
 class KeptPixels(NamedTuple):
     """Record of a frame's pixels."""
 
     sha256: str
-    """Of all of them, as they were drawn."""
+    """Hash of all of them, as they were drawn."""
     grid: str
     """Base64 of some, as in the log of a live picture."""
 

@@ -69,7 +69,7 @@ class Latency:
 
 
 SPARE_SHARE = 0.15
-"""Of a refresh, between a frame that is drawn and its flip: stamps come a little after the line."""
+"""Share of a refresh between a drawn frame and its flip: stamps come a little after the line."""
 _FORGET = 0.95  # of the dearest frame's cost, from frame to frame
 _LINE_SLACK = 1e-6
 
@@ -174,7 +174,7 @@ class LiveLoop:
         self.missed = 0
         """Refreshes without a frame of their own."""
         self.number = 0
-        """Of the next frame."""
+        """Number of the next frame."""
         self._newest: GazeSample | None = None
         self._seen: GazeSample | None = None  # the one whose gaze is shown
         self._held: GazeSample | None = None
@@ -281,3 +281,62 @@ class LiveLoop:
         if not newest.valid:
             return "lost"
         return "ahead" if newest.t_s > poll_s + AHEAD_S else "found"
+
+
+GAZE_HZ = 1000.0
+WARM_UP_FRAMES, FRAMES = 10, 240
+_EDGE_PX = 16
+
+
+class SyntheticGaze:
+    """Gaze in the middle of a square, sampled at `GAZE_HZ` without any delay."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now = now
+        self._last = math.floor(now() * GAZE_HZ)
+
+    def poll(self) -> list[GazeSample]:
+        """Return the newest sample, if there is a new one."""
+        number = math.floor(self._now() * GAZE_HZ)
+        if number == self._last:
+            return []
+        self._last = number
+        stamp_s = number / GAZE_HZ
+        return [GazeSample(stamp_s, stamp_s, _EDGE_PX / 2, _EDGE_PX / 2)]
+
+
+class GreySquare:
+    """A renderer of nothing but grey."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._texture = ctx.texture((_EDGE_PX, _EDGE_PX), 4, b"\x80" * (4 * _EDGE_PX**2))
+
+    def hold(self, view: LiveView) -> None:
+        """Analyse nothing."""
+
+    def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:  # noqa: ARG002
+        """Return the eye's own place."""
+        return eye_px, eye_px
+
+    def draw(self, gaze_state: GazeState) -> moderngl.Texture:  # noqa: ARG002
+        """Return the square."""
+        return self._texture
+
+    def release(self) -> None:
+        """Free the square."""
+        self._texture.release()
+
+
+def measure_latency(screen: Screen, square: Follower, frames: int = FRAMES) -> LatencySummary:
+    """Show frames to the synthetic gaze, and return how old it was at their flips.
+
+    What is drawn costs next to nothing, so this is what loop, window and display take: a method's
+    own time comes on top, and the tracker's and the panel's delays are in no number of ours.
+    """
+    loop = LiveLoop(screen, SyntheticGaze(screen.now), (0, 0), polled=False)
+    latency = Latency()
+    for number in range(WARM_UP_FRAMES + frames):
+        flip, _ = loop.step(square, LiveView(), 0)
+        if number >= WARM_UP_FRAMES:
+            latency.add(flip.eye, flip.age_s)
+    return latency.summary()

@@ -38,7 +38,7 @@ from study_app.paint import bitmaps_of, paint
 from study_app.session_folders import SessionFolder
 
 NEAR = 1
-"""Of 255: how far another renderer, or another version of its driver, may be off."""
+"""Steps of 255 by which another renderer, or another version of its driver, may be off."""
 _GRID: TypeAdapter[str] = TypeAdapter(Grid)
 _ROUNDED_PX = 0.006
 """Largest distance of a gaze from the one that was recorded, which has two decimals."""
@@ -298,7 +298,7 @@ class RecordedFlip:
     refreshes: int
     gaze_state: GazeState
     age_s: float
-    """Of the sample whose gaze is shown; not a number before the first one."""
+    """Age of the sample whose gaze is shown; not a number before the first one."""
     eye: str
     drawn_sha256: str
     pixels_sha256: str

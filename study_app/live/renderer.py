@@ -30,9 +30,9 @@ class LiveView(NamedTuple):
     """View of a source: a frame of a clip, or a direction in a panorama."""
 
     frame: int = 0
-    """Of a clip, from 0."""
+    """Number in a clip, from 0."""
     right_deg: float = 0.0
-    """Of a panorama: where the middle of the view points, from the panorama's middle."""
+    """Direction of the view's middle from that of a panorama."""
     down_deg: float = 0.0
 
 
@@ -49,7 +49,7 @@ class RendererDescription(ExtendedModel):
     """All that decides pixels beside view and look."""
 
     source_sha256: Sha256
-    """Of the source's pixels."""
+    """Hash of the source's pixels."""
     panorama: bool
     size_px: tuple[Pixels, Pixels]
     """Width and height of what is shown."""

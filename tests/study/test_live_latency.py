@@ -13,8 +13,7 @@ from study_app.cli.pictures.live import _Showing
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import AHEAD_S, TrustedGaze
-from study_app.live.loop import SILENT_S, SPARE_SHARE, Latency, LiveLoop
-from study_app.live.own_latency import measure_latency
+from study_app.live.loop import SILENT_S, SPARE_SHARE, Latency, LiveLoop, measure_latency
 from study_app.live.renderer import LiveView
 from study_app.virtual import VirtualClock
 

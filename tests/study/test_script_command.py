@@ -160,6 +160,7 @@ def test_confidence_is_in_the_script_and_adaptive_trials_are_said_to_have_none(t
     assert "trials are adaptive, and have a script in the session only" in out
 
 
-def test_options_of_scripts_need_script():
-    done = CliRunner().invoke(app, ["protocol", "show", "demo", "--json"])
+@pytest.mark.parametrize("option", [["--json"], ["--code", "P01"]])
+def test_options_of_scripts_need_script(option):
+    done = CliRunner().invoke(app, ["protocol", "show", "demo", *option])
     assert (done.exit_code, done.stderr.endswith("are for --script; add it\n")) == (2, True)

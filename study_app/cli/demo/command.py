@@ -2,43 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from protocols.disk.result_folder import remove_listed, stranger
 from protocols.errors import StudyError
+from study_app.cli.demo.steps import Options
 from study_app.cli.progress import going_on
 from study_app.cli.terminal import PlainConsole
 
 
-def demo(
-    out: Annotated[Path, typer.Option(help="Folder to fill; made if it is missing.")] = Path(
-        "out/demo"
-    ),
-    everything: Annotated[
-        bool,
-        typer.Option(
-            "--all", help="Also a real window, every clip, foveated studies and another task."
-        ),
-    ] = False,
-    participants: Annotated[int, typer.Option(min=2, help="Simulated observers.")] = 12,
-    display: Annotated[
-        str | None,
-        typer.Option(
-            help="Show the window of --all on this machine's screen, described by this display file"
-            r" (or name). \[default: a screen of its own without a monitor]",
-            show_default=False,
-        ),
-    ] = None,
-    fresh: Annotated[
-        bool, typer.Option(help="Delete an earlier demonstration there first.")
-    ] = False,
-    seed: Annotated[
-        int, typer.Option(min=0, help="Seed of noise and observers: same seed, same results.")
-    ] = 0,
-) -> None:
+def demo(options: Options) -> None:
     """See the whole chain at work: clips, sessions, report.
 
     A photograph is filled in three ways, and a metamer of it is made beside a blur. Simulated
@@ -54,12 +28,12 @@ def demo(
 
         metamerlab demo --all --out out/all
     """
-    if display is not None and not everything:
+    out = options.out
+    if options.display is not None and not options.all:
         raise StudyError("--display must stand beside --all: no other demonstration has a window")
     from study_app.cli.demo.demonstration import RECORD_NAME, run_demo
-    from study_app.cli.demo.steps import Options
 
-    if fresh and out.exists():
+    if options.fresh and out.exists():
         if not (out / RECORD_NAME).is_file():
             raise StudyError(
                 f"--fresh: {out} must be the folder of a demonstration (it holds no"
@@ -74,15 +48,11 @@ def demo(
         remove_listed(out)
     console = PlainConsole(soft_wrap=True)
     console.print("Observers are simulated.")
-    options = Options(
-        out,
-        study="showcase" if everything else "glimpse",
-        all=everything,
-        observers=participants,
-        # Commands run in the folder of the demonstration.
-        display=str(Path(display).resolve()) if display and Path(display).exists() else display,
-        seed=seed,
-    )
+    if options.all:
+        options = replace(options, study="showcase")
+    display = options.display
+    if display and Path(display).exists():  # commands run in the folder of the demonstration
+        options = replace(options, display=str(Path(display).resolve()))
     with going_on():
         page = run_demo(options, console)
     console.print(f"Look at {page} (open it in a browser)", style="bold")

@@ -16,7 +16,9 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
+
+import typer
 
 from protocols.errors import StudyError
 from stimuli.batch.executors import cores
@@ -32,15 +34,20 @@ Said: TypeAlias = tuple[list[tuple[str, str]], float]
 class Options:
     """Wishes of who runs `metamerlab demo`."""
 
-    out: Path
-    study: str = "glimpse"
-    """Name or absolute path."""
+    out: Path = Path("out/demo")
+    """Folder to fill; made if it is missing."""
     all: bool = False
-    """True if every step is wanted: a real window, and studies on foveated pictures too."""
-    observers: int = 12
-    display: str | None = None
-    """The user's own screen, a name or an absolute path; None: a screen without a monitor."""
-    seed: int = 0
+    """Also a real window, every clip, foveated studies and another task."""
+    participants: Annotated[int, typer.Option(min=2)] = 12
+    """Simulated observers."""
+    display: Annotated[str | None, typer.Option(show_default=False)] = None
+    r"""Show the window of --all on this machine's screen, described by this display file (or name).
+    \[default: a screen of its own without a monitor]"""
+    fresh: bool = False
+    """Delete an earlier demonstration there first."""
+    seed: Annotated[int, typer.Option(min=0)] = 0
+    """Seed of noise and observers: same seed, same results."""
+    study: str = "glimpse"  # or an absolute path
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ def steps_of(options: Options, folder: str) -> list[Step]:
         "display": shlex.quote(options.display or SCREEN),
         "pacing": "" if options.display else "--software-pacing",
         "seed": str(options.seed),
-        "virtual": str(options.observers - options.all),  # one sits before the window
+        "virtual": str(options.participants - options.all),  # one sits before the window
         "workers": str(max(1, cores() - 1)),  # the pictures are made beside the clips
         "name": "{name}",
     }

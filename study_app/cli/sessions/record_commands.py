@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.live import Live
@@ -19,6 +19,7 @@ from rich.table import Table
 from protocols.errors import StudyError, count_of
 from protocols.journal import SessionEnd
 from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
+from protocols.study_file.schema import StudyProtocol
 from study_app.archive.read_archive import INDEX_NAME, ArchiveFindings, check, check_folder, opened
 from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.cli.options import (
@@ -37,6 +38,9 @@ from study_app.session_folders import SessionFolder
 from study_app.verification import verify as verify_session
 from study_app.withdrawal import find_participant
 from study_app.withdrawal import withdraw as withdraw_participant
+
+if TYPE_CHECKING:  # what draws is imported when a command does
+    from study_app.live.redraw import RedrawResult, Screens, TrialDrawer
 
 
 def withdraw(
@@ -129,24 +133,24 @@ def verify(
 
         metamerlab session verify sessions --protocol live-detection --render --stimuli clips
     """
-    with ExitStack() as open_now:
-        if not render and (stimuli or display or captured):
-            raise StudyError("--stimuli, --display and --captured are for --render; add it")
-        if is_archive(sessions):
-            if protocol is not None or render:
-                raise StudyError(
-                    "--protocol and --render: must be left out: an archive has its own protocol; to"
-                    " draw frames again, unpack it and name the folder of sessions"
-                )
-            verify_archive(sessions)
-            return
-        study = recorded_protocol(protocol) if protocol else None
-        paths = find_journals(sessions)
-        if not paths:
+    if not render and (stimuli or display or captured):
+        raise StudyError("--stimuli, --display and --captured are for --render; add it")
+    if is_archive(sessions):
+        if protocol is not None or render:
             raise StudyError(
-                f"{sessions}: must hold at least one session (found no {JOURNAL_NAME} in it)"
+                "--protocol and --render: must be left out: an archive has its own protocol; to"
+                " draw frames again, unpack it and name the folder of sessions"
             )
-        drawer, screens, drawn = None, {}, 0
+        verify_archive(sessions)
+        return
+    study = recorded_protocol(protocol) if protocol else None
+    paths = find_journals(sessions)
+    if not paths:
+        raise StudyError(
+            f"{sessions}: must hold at least one session (found no {JOURNAL_NAME} in it)"
+        )
+    with ExitStack() as open_now:
+        drawer, screens = None, {}
         if render:
             from study_app.cli.sessions.drawn_again import open_drawer, read_captures
 
@@ -157,42 +161,52 @@ def verify(
             screens = read_captures(captured) if captured is not None else {}
             if screens and len(paths) > 1:
                 raise StudyError("--captured: is of one session; name its folder")
-        wrong = flips = 0
-        for path in paths:
-            session = SessionFolder(path.absolute().parent, read_journal(path, lenient=True))
-            found = verify_session(session, study)
-            again = None
-            if drawer is not None and not found.problems:
-                again = drawer.redraw(session, screens)
-                found = replace(found, problems=again.problems)
-                drawn, flips = drawn + again.drawn + len(again.captures), flips + again.flips
-            lines = len(session.journal.events) + len(session.journal.damaged)
-            verdict = "NOT as it was recorded" if found.problems else "whole"
-            say(
-                f"{session.study}/{session.participant}: {verdict} ({session.state}, {lines} lines,"
-                f" {found.files} files)"
-            )
-            if again is not None:
-                say(
-                    f"  {again.flips} live frames, {again.drawn} drawn again: {again.equal}"
-                    f" bit-equal; {len(again.captures)} of {count_of(len(screens), 'capture')}"
-                    " compared"
-                )
-            for problem in found.problems:
-                say(f"  {problem}")
-            for note in found.notes:
-                say(f"  note: {note}")
-            wrong += bool(found.problems)
-        if drawer is not None and not wrong and flips and not drawn:
-            raise StudyError(
-                f"{sessions}: must hold frames to draw again (none was kept: nothing followed the"
-                " gaze in a window)"
-            )
-        if wrong:
-            raise StudyError(
-                f"{sessions}: {wrong} of {count_of(len(paths), 'session')} must be restored from a"
-                " copy; nothing was changed"
-            )
+        done = [_verified(path, study, drawer, screens) for path in paths]
+    wrong = sum(not whole for whole, _ in done)
+    again = [one for _, one in done if one is not None]
+    kept = any(one.drawn or one.captures for one in again)
+    if render and not wrong and not kept and any(one.flips for one in again):
+        raise StudyError(
+            f"{sessions}: must hold frames to draw again (none was kept: nothing followed the"
+            " gaze in a window)"
+        )
+    if wrong:
+        raise StudyError(
+            f"{sessions}: {wrong} of {count_of(len(paths), 'session')} must be restored from a"
+            " copy; nothing was changed"
+        )
+
+
+def _verified(
+    path: Path, study: StudyProtocol | None, drawer: TrialDrawer | None, screens: Screens
+) -> tuple[bool, RedrawResult | None]:
+    """Verify a session and say what was found; return True if it is whole, and what was drawn."""
+    session = SessionFolder(path.absolute().parent, read_journal(path, lenient=True))
+    found = verify_session(session, study)
+    again = None
+    if drawer is not None and not found.problems:
+        again = drawer.redraw(session, screens)
+        found = replace(found, problems=again.problems)
+    lines = len(session.journal.events) + len(session.journal.damaged)
+    verdict = "NOT as it was recorded" if found.problems else "whole"
+    say(
+        f"{session.study}/{session.participant}: {verdict} ({session.state}, {lines} lines,"
+        f" {found.files} files)"
+    )
+    if again is not None:
+        say(
+            f"  {again.flips} live frames, {again.drawn} drawn again: {again.equal} bit-equal;"
+            f" {len(again.captures)} of {count_of(len(screens), 'capture')} compared"
+        )
+    _say_found(found.problems, found.notes)
+    return not found.problems, again
+
+
+def _say_found(problems: Iterable[str], notes: Iterable[str]) -> None:
+    for problem in problems:
+        say(f"  {problem}")
+    for note in notes:
+        say(f"  note: {note}")
 
 
 def print_rows(entries: Iterable[tuple[str, str]]) -> None:
@@ -212,16 +226,8 @@ def _over(path: Path) -> bool:
 def archive(
     protocol: ProtocolArgument,
     out: Annotated[Path, typer.Option(help="File to write. It appears only when complete.")],
-    sessions: Annotated[Path, typer.Option(help="Folder of sessions.")] = Path("sessions"),
-    stimuli: Annotated[
-        Path | None, typer.Option(help="Folder of the built clips. Their manifest is included.")
-    ] = None,
-    with_clips: Annotated[bool, typer.Option(help="Include the frames.")] = False,
     *,
-    with_secret: Annotated[bool, typer.Option(help="Include the study's secret.")] = False,
-    as_it_is: Annotated[
-        bool, typer.Option(help="Also archive what is not as it was recorded.")
-    ] = False,
+    wanted: ArchiveOptions,
 ) -> None:
     """Write a verified copy of a study into one file: study, sessions, manifest, optional clips.
 
@@ -235,18 +241,10 @@ def archive(
 
         metamerlab session archive study.toml --with-secret --out backup.zip
     """
-    if with_clips and stimuli is None:
+    if wanted.with_clips and wanted.stimuli is None:
         raise StudyError("--with-clips: needs the folder of clips; name it with --stimuli")
-    wanted = ArchiveOptions(
-        protocol,
-        sessions,
-        clips=stimuli,
-        frames=with_clips,
-        secret=with_secret,
-        as_it_is=as_it_is,
-    )
     with one_line() as progress:
-        index, found = write_archive(wanted, out, progress)
+        index, found = write_archive(protocol, wanted, out, progress)
     _tell(out, found)
     if not index.secret and found.notes:
         say("note: keep the study's secret elsewhere, or archive it with --with-secret")
@@ -285,8 +283,5 @@ def _tell(path: Path, found: ArchiveFindings) -> None:
     holds.append("clips" if index.clips else "no clips")
     holds.append("the study's secret" if index.secret else "no secret")
     say(f"{path}: {verdict} ({index.study}: {', '.join(holds)})")
-    for problem in found.problems:
-        say(f"  {problem}")
-    for note in found.notes:
-        say(f"  note: {note}")
+    _say_found(found.problems, found.notes)
     say(f"list of files: SHA-256 {index.sha256}; note it elsewhere to detect any later change")

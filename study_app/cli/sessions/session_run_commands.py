@@ -172,7 +172,7 @@ def check_display_(
 
 
 def _own_latency(window: Window) -> LatencySummary:
-    from study_app.live.own_latency import GreySquare, measure_latency
+    from study_app.live.loop import GreySquare, measure_latency
     from study_app.live.screen import WindowScreen
 
     screen, square = WindowScreen(window, (0, 0), (0.0, 0.0), 1.0), GreySquare(window.ctx)

@@ -32,7 +32,7 @@ DecodedOption = Annotated[
     float, typer.Option(min=1, max=1e6, help="Most that the stimuli of two trials may take, in MB.")
 ]
 LINE_MB_PER_S = 2.5
-"""Of a participant at home: 20 Mbit/s."""
+"""Speed of a participant's line at home: 20 Mbit/s."""
 
 
 def export_web(

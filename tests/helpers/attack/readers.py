@@ -428,8 +428,8 @@ def _write_studies(folder: Path) -> None:
     )
     for beside in ("gaze", "flips"):
         shutil.rmtree(whole.parent / beside, ignore_errors=True)
-    wanted = ArchiveOptions(folder / "study.toml", folder / "few", as_it_is=True)
-    write_archive(wanted, folder / "study.zip")
+    wanted = ArchiveOptions(folder / "few", as_it_is=True)
+    write_archive(folder / "study.toml", wanted, folder / "study.zip")
 
 
 _NEVER_NEGATIVE = ("_hz", "width_px", "height_px", "size_px", "_share", "frames", "repeats")

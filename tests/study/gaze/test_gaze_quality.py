@@ -16,6 +16,7 @@ from study_app.gaze.gaze_check import GazeCheck, Targets, TrackerCalibration
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
 from study_app.gaze.validation import PointQuality, point_quality, summarise
+from study_app.recorder import Recorder
 from study_app.stage import PageResult
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "gaze_quality.json").read_text())
@@ -139,6 +140,8 @@ def test_calibration_is_offered_again_where_the_eye_is_not_seen():
 
         def append(self, event):
             told.append(event)
+
+        note = Recorder.note
 
     class Asked:
         def page(self, page):
