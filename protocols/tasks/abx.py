@@ -9,7 +9,7 @@ from protocols.columns import Column
 from protocols.display import Display
 from protocols.phases import Phase
 from protocols.recipes.base import Pool
-from protocols.tasks.base import Analysis, Arrangement, blank_phase, shown_phase
+from protocols.tasks.base import Analysis, Arrangement, in_turn
 from protocols.tasks.compared import ComparisonTask, StimulusPair
 from protocols.tasks.rates import RatesAnalysis
 from protocols.units import Condition
@@ -31,10 +31,7 @@ class Abx(ComparisonTask):
     analysis: ClassVar[type[Analysis]] = AbxAnalysis
     stimuli_per_trial: ClassVar[int] = 3
     rule: ClassVar[str] = "differencing"
-
-    def answers(self) -> tuple[str, ...]:
-        """Return the two that X may be."""
-        return "a", "b"
+    every_answer: ClassVar[tuple[str, ...]] = ("a", "b")
 
     def arrangements(self, condition: Condition, pair: StimulusPair) -> Sequence[Arrangement]:
         """Return both orders of A and B, each with X as the one and as the other."""
@@ -55,12 +52,7 @@ class Abx(ComparisonTask):
 
     def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return A, gap, B, gap, X."""
-        shown = [
-            shown_phase(pool, display, self, name, [(index, 0.0)])
-            for index, name in enumerate("abx")
-        ]
-        gaps = [blank_phase(display, f"gap-{number}", self.gap_s) for number in (1, 2)]
-        return shown[0], gaps[0], shown[1], gaps[1], shown[2]
+        return in_turn(pool, display, self, "abx", self.gap_s)
 
     def shown_s(self, pool: Pool) -> float:
         """Return the length of the three stimuli and their gaps."""

@@ -169,12 +169,16 @@ class Task(ExtendedModel):
     stimuli_per_trial: ClassVar[int] = 1
     decides: ClassVar[bool] = False
     """True if an answer is a decision, right or wrong or a preference: one can be sure of it."""
+    every_answer: ClassVar[tuple[str, ...]] = ()
+    """Names of the answers, where each study of the task has the same."""
 
     # The design.
 
     def answers(self) -> tuple[str, ...]:
         """Return the names of the answers, from left to right where keys are not swapped."""
-        raise NotImplementedError
+        if not self.every_answer:
+            raise NotImplementedError
+        return self.every_answer
 
     def cells(self, pool: Pool) -> list[Cell]:
         """Return every condition that the design repeats, in the scenes of the pool."""
@@ -337,6 +341,24 @@ def shown_phase(
         shown = [Clip(index, each, x_deg) for index, x_deg in places]
     frames = whole_frames(display, task.single_s(pool))
     return Phase(name, frames, (*shown, Fixation()), watched=True)
+
+
+def in_turn(
+    pool: Pool, display: Display, task: Task, names: Sequence[str], gap_s: float
+) -> tuple[Phase, ...]:
+    """Return the phases that show a trial's stimuli one after the other, with gaps between.
+
+    Raises
+    ------
+    StudyError
+        As `shown_phase`, and for the time of a gap.
+    """
+    found = [shown_phase(pool, display, task, names[0], [(0, 0.0)])]
+    for index, name in enumerate(names[1:], start=1):
+        gap = "gap" if len(names) == 2 else f"gap-{index}"
+        found.append(blank_phase(display, gap, gap_s))
+        found.append(shown_phase(pool, display, task, name, [(index, 0.0)]))
+    return tuple(found)
 
 
 def blank_phase(display: Display, name: str, duration_s: float) -> Phase:

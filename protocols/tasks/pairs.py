@@ -26,7 +26,7 @@ from protocols.tasks.base import (
     Task,
     Turn,
     all_pairs,
-    blank_phase,
+    in_turn,
     matches,
     shown_phase,
     times,
@@ -442,17 +442,11 @@ class TwoInterval(PairTask):
     gap_s: Seconds = 0.5
     """Blank between the intervals."""
 
-    def answers(self) -> tuple[str, ...]:
-        """Return the two intervals."""
-        return "first", "second"
+    every_answer: ClassVar[tuple[str, ...]] = ("first", "second")
 
     def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return interval 1, gap, interval 2."""
-        return (
-            shown_phase(pool, display, self, "first", [(0, 0.0)]),
-            blank_phase(display, "gap", self.gap_s),
-            shown_phase(pool, display, self, "second", [(1, 0.0)]),
-        )
+        return in_turn(pool, display, self, self.every_answer, self.gap_s)
 
     def durations(self) -> Mapping[str, float]:
         """Return the task's times by key."""
@@ -479,10 +473,7 @@ class TwoAlternative(PairTask):
     """Between the centres of the two."""
 
     sided: ClassVar[bool] = True
-
-    def answers(self) -> tuple[str, ...]:
-        """Return the two sides."""
-        return "left", "right"
+    every_answer: ClassVar[tuple[str, ...]] = ("left", "right")
 
     def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return the one phase that shows both."""

@@ -13,7 +13,7 @@ from protocols.errors import Problem, did_you_mean
 from protocols.journal import Attempt
 from protocols.phases import Phase
 from protocols.recipes.base import Pool
-from protocols.tasks.base import Analysis, Arrangement, Cell, Task, blank_phase, shown_phase
+from protocols.tasks.base import Analysis, Arrangement, Cell, Task, in_turn
 from protocols.tasks.compared import Standards
 from protocols.tasks.mixed import MixedAnalysis
 from protocols.tasks.rates import name_of
@@ -107,13 +107,8 @@ class Rating(Standards):
 
     def phases(self, pool: Pool, display: Display) -> tuple[Phase, ...]:
         """Return the stimulus, after standard and gap where there is one."""
-        if self.standard is None:
-            return (shown_phase(pool, display, self, "stimulus", [(0, 0.0)]),)
-        return (
-            shown_phase(pool, display, self, "standard", [(0, 0.0)]),
-            blank_phase(display, "gap", self.gap_s),
-            shown_phase(pool, display, self, "stimulus", [(1, 0.0)]),
-        )
+        names = ("stimulus",) if self.standard is None else ("standard", "stimulus")
+        return in_turn(pool, display, self, names, self.gap_s)
 
     def durations(self) -> Mapping[str, float]:
         """Return the task's times by key."""

@@ -34,10 +34,7 @@ class WhichHalf(ComparisonTask):
     analysis: ClassVar[type[Analysis]] = WhichHalfAnalysis
     stimuli_per_trial: ClassVar[int] = 4
     rule: ClassVar[str] = "dual-pair"
-
-    def answers(self) -> tuple[str, ...]:
-        """Return the two halves."""
-        return "left", "right"
+    every_answer: ClassVar[tuple[str, ...]] = ("left", "right")
 
     def arrangements(self, condition: Condition, pair: StimulusPair) -> Sequence[Arrangement]:
         """Return either stimulus whole at first, with the left and with the right half changed."""

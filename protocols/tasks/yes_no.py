@@ -30,10 +30,7 @@ class YesNo(SingleStimulus):
     }`. For all others "no" is right."""
 
     analysis: ClassVar[type[Analysis]] = DetectionAnalysis
-
-    def answers(self) -> tuple[str, ...]:
-        """Return yes and no."""
-        return "yes", "no"
+    every_answer: ClassVar[tuple[str, ...]] = ("yes", "no")
 
     def expected(self, stimulus: Stimulus) -> str:
         """Return `yes` where the stimulus holds the signal."""

@@ -21,6 +21,7 @@ from protocols.plan import Plan, chosen, make_plan, place_of, planned_trials, ro
 from protocols.study_file.plausible import study_notes
 from protocols.study_file.preregister import preregistration, to_markdown
 from protocols.study_file.schema import StudyProtocol
+from protocols.tasks.task_kinds import TASKS
 from study_app.session_folders import next_slot
 from study_app.withdrawal import withdraw
 
@@ -101,7 +102,10 @@ def test_places_are_drawn_by_the_secret_and_evenly():
         place_of(StudyProtocol.model_validate_json(paper.model_dump_json()), 0)
 
 
-@pytest.mark.parametrize("case", ["two-interval", "two-alternative", "yes-no", "abx", "which-half"])
+TURNED = [name for name, kind in TASKS.items() if kind.task.every_answer]
+
+
+@pytest.mark.parametrize("case", TURNED)
 def test_all_that_the_slot_decides_is_that_of_its_place(tmp_path, case):
     drawn = of_task(tmp_path, case, "drawn")
     plain = with_places(drawn, "by-arrival", SECRET)
@@ -251,7 +255,7 @@ def test_no_slot_is_told_by_any_public_export(tmp_path, as_it_was, name, people)
 
 
 def test_without_the_key_no_table_holds_what_the_place_decides(tmp_path):
-    for name in ("two-interval", "abx", "which-half", "yes-no"):
+    for name in TURNED:
         folder = tmp_path / name
         simulation = recorded(folder, name, "by-arrival", 2, SECRET)
         study = simulation.protocol

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import tomllib
 from pathlib import Path
 
 import pandas as pd
@@ -13,6 +14,8 @@ from analysis.data_dictionary import dictionary, tables_of
 from analysis.tidy import pwcmp_table, read_sessions, write_tables
 from protocols.errors import StudyError
 from protocols.journal import Withdrawal, event_line
+from protocols.load import load_display, with_tuples
+from protocols.study_file.new_study import study_files
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.task_kinds import TASKS
 
@@ -294,21 +297,11 @@ def test_only_unreadable_journals_are_refused_with_the_reason(tmp_path, demo_pro
         read_sessions(tmp_path, demo_protocol)
 
 
-TASK_FIELDS = {
-    "two-interval": {},
-    "two-alternative": {"separation_deg": 12.0},
-    "yes-no": {"signal": {"method": ("metameric",)}},
-    "identification": {"alternatives": ("small", "large"), "named_by": "size"},
-    "abx": {"standard": {"method": "reference"}, "matched": ("scene", "size")},
-    "which-half": {"standard": {"method": "reference"}, "compare": "size"},
-    "rating": {"scale": ("bad", "fair", "good"), "stimulus_s": 0.5},
-}
-
-
 @pytest.mark.parametrize("kind", TASKS)
 def test_tables_of_every_task_name_every_column_once(demo_protocol, kind):
     """A name that comes twice would hide a column."""
-    task = TASKS[kind].task.model_validate({"kind": kind} | TASK_FIELDS[kind])
+    text = study_files("every", "Every", load_display("fhd27-60hz"), kind)["study.toml"]
+    task = TASKS[kind].task.model_validate(with_tuples(tomllib.loads(text)["task"]))
     study = demo_protocol.model_copy(update={"task": task})
 
     for table, columns in tables_of(study).items():

@@ -17,12 +17,14 @@ from protocols.plan import make_plan
 from protocols.script import Frames, example_scripts
 from protocols.study_file.new_study import study_files
 from protocols.study_file.preregister import preregistration
+from protocols.tasks.task_kinds import TASKS
 from stimuli.recipes.example_pictures import example_files
 from study_app.cli import app
 from study_app.observers.rating_observer import REACH, RaterModel
 from study_app.simulate import SimulatedStudy, simulate_study
 
 DISPLAY = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
+DECIDING = [name for name, kind in TASKS.items() if kind.task.decides]
 FILES = study_files("pilot", "Pilot", DISPLAY, "rating")
 STANDARD = ('stimulus_s = 0.5', 'stimulus_s = 0.5\nstandard = { blur_px = 0.0 }\n'
             'matched = ["scene", "texture"]\ngap_s = 0.5')  # fmt: skip
@@ -138,8 +140,7 @@ def model_cdf(x: float) -> float:
          "task.standard.blur_px: must be a value that the stimuli have"),
         ("[design]", '[task.confidence]\nsteps = 3\nquestion = { en = "Sure?" }\n\n[design]',
          "task.confidence: must be left out for the task 'rating', whose answers are no decisions"
-         " that one can be sure of; tasks that may have it: two-interval, two-alternative, yes-no,"
-         " identification, abx, which-half"),
+         f" that one can be sure of; tasks that may have it: {', '.join(DECIDING)}"),
     ],
 )  # fmt: skip
 def test_a_mistake_has_one_message_with_place_and_cure(load, old, new, message):

@@ -29,13 +29,12 @@ from protocols.disk.hashing import sha256_bytes
 from protocols.load import load_display, load_protocol, shipped
 from protocols.plan import PlannedTrial, planned_trials, rounds
 from protocols.study_file.schema import StudyProtocol
+from protocols.tasks.task_kinds import TASKS
 from study_app.simulate import SimulatedStudy, simulate_study
 
 Row = dict[str, str]
-STUDIES = (
-    "two-interval", "two-alternative", "yes-no", "abx", "which-half", "inpainting-2afc",
-)  # fmt: skip
-"""New studies by task, and one that comes with the program."""
+STUDIES = (*(name for name, kind in TASKS.items() if kind.task.every_answer), "inpainting-2afc")
+"""New studies by task, those whose answers swap keys or sides, and one that comes along."""
 RARE = 1e-4
 """Chance below which luck alone does not guess so many."""
 _ORDERS = ("", "onset", "order", "position", "trial", "row_id", "rt_s", "response_time")

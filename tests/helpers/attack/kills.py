@@ -22,6 +22,7 @@ from protocols.phases import STUDY_QUESTION, Phase, Question, QuestionText
 from protocols.recipes.base import Pool
 from protocols.study_file.new_study import study_files
 from protocols.tasks.base import Task
+from protocols.tasks.task_kinds import TASKS
 from protocols.tasks.yes_no import YesNo
 from study_app.gaze.simulated import GazeBehaviour
 from study_app.observers import default_model
@@ -71,12 +72,7 @@ def asked(name: str, *answers: str) -> Question:
 
 
 CASES = {
-    "two-interval": Case("two-interval"),
-    "two-alternative": Case("two-alternative"),
-    "yes-no": Case("yes-no"),
-    "identification": Case("identification"),
-    "abx": Case("abx"),
-    "which-half": Case("which-half"),
+    **{name: Case(name) for name, kind in TASKS.items() if kind.task.decides},
     "yes-no by QUEST+": Case("yes-no", QUEST_PLUS),
     "identification by up-down": Case("identification", UP_DOWN),
     "abx by QUEST+": Case("abx", QUEST_PLUS),
@@ -87,26 +83,24 @@ CASES = {
 THRICE = Case("yes-no", asks=AskedThrice)
 ROWS = {
     # Few enough for a short session.
-    "yes-no": [
+    "gratings_in_noise": [
         ("one", "fine", pattern, contrast)
         for pattern in ("grating", "none")
         for contrast in (0.04, 0.08, 0.12, 0.16, 0.2)
     ],
-    "identification": [
+    "rings": [
         ("thick", gap, contrast)
         for gap in ("left", "up", "down", "right")
         for contrast in (0.04, 0.2)
     ],
-    "abx": [
+    "blurred_textures": [
         (scene, "fine", blur) for scene in ("one", "two") for blur in (0.0, 0.5, 1.0, 1.5, 2.0)
     ],
 }
-ROWS["which-half"] = ROWS["abx"]
 COLUMNS = {
-    "yes-no": "scene,noise,pattern,contrast",
-    "identification": "stroke,gap,contrast",
-    "abx": "scene,texture,blur_px",
-    "which-half": "scene,texture,blur_px",
+    "gratings_in_noise": "scene,noise,pattern,contrast",
+    "rings": "stroke,gap,contrast",
+    "blurred_textures": "scene,texture,blur_px",
 }
 
 
@@ -159,12 +153,13 @@ def write_study(folder: Path, case: Case) -> SimulatedStudy:
         text = text.replace("0.06, 0.08, 0.1, 0.12, 0.16]", "0.12]")
         text = text.replace("easier = [0.12]", "easier = [0.16]")
         text = text.replace("harder = [0.04]", "harder = [0.16]")
-    if case.task in ROWS:
+    pictures = TASKS[case.task].example.rpartition(":")[2]
+    if pictures in ROWS:
         rows = [
             f"s{index},s{index}.png," + ",".join(map(str, row))
-            for index, row in enumerate(ROWS[case.task])
+            for index, row in enumerate(ROWS[pictures])
         ]
-        header = f"stimulus,file,{COLUMNS[case.task]}"
+        header = f"stimulus,file,{COLUMNS[pictures]}"
         (folder / "stimuli.csv").write_text("\n".join([header, *rows]) + "\n")
     path = folder / "study.toml"
     path.write_text(text, encoding="utf-8")

@@ -18,6 +18,8 @@ from analysis.showable import FamilyOfTests
 from analysis.simulations import Choices
 from analysis.tasks import KINDS, analysis_of, planning_notes
 from protocols.load import load_protocol
+from protocols.tasks.single import RightOrWrong
+from protocols.tasks.task_kinds import TASKS
 from study_app.cli import app
 
 ROOT = Path(__file__).parents[3]
@@ -194,7 +196,10 @@ def test_draws_of_a_bootstrap_that_are_too_few_are_said_with_a_cure_that_works(t
         assert planning_notes(planned_by(study, bootstrap_draws=draws)) == []
 
 
-@pytest.mark.parametrize("name", ["yes-no", "identification", "abx", "which-half"])
+RIGHT_OR_WRONG = [name for name, kind in TASKS.items() if issubclass(kind.task, RightOrWrong)]
+
+
+@pytest.mark.parametrize("name", RIGHT_OR_WRONG)
 def test_right_answers_whose_power_is_known_have_a_planned_p(name, tmp_path, rng):
     study = case_study(tmp_path, name, 8)
     simulation = analysis_of(study.analysis.kind).simulation(study)

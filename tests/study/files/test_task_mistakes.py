@@ -16,6 +16,7 @@ from protocols.load import load_display, load_protocol
 from protocols.plan import make_plan
 from protocols.study_file.new_study import TEMPLATES, study_files
 from protocols.study_file.preregister import preregistration
+from protocols.tasks.task_kinds import TASKS
 from stimuli.recipes.example_pictures import example_files
 
 DISPLAY = load_display("fhd27-60hz").model_copy(update={"name": "my-display"})
@@ -75,11 +76,9 @@ def mistakes(tmp_path):
     ("task", "old", "new", "message"),
     [
         ("yes-no", 'kind = "yes-no"', 'kind = "yesno"',
-         "task.kind: must be one of two-interval, two-alternative, yes-no, identification, abx,"
-         " which-half, rating (got 'yesno'); did you mean 'yes-no'?"),
+         f"task.kind: must be one of {', '.join(TASKS)} (got 'yesno'); did you mean 'yes-no'?"),
         ("yes-no", 'kind = "yes-no"', "kind = {}",
-         "task.kind: must be one of two-interval, two-alternative, yes-no, identification, abx,"
-         " which-half, rating (got '{}')"),
+         f"task.kind: must be one of {', '.join(TASKS)} (got '{{}}')"),
         ("yes-no", 'kind = "files"', 'kind = "file"',
          "stimuli.kind: must be one of warped-clips, files, foveated-images (got 'file'); did you"
          " mean 'files'?"),
