@@ -90,7 +90,7 @@ def preference_deviations(decisions: pd.DataFrame) -> Found:
 
 def sensitivity_deviations(
     decisions: pd.DataFrame,
-    settings: RatePlan,
+    plan: RatePlan,
     share: Callable[[Floats], Floats] | None,
 ) -> Found:
     """Estimate how much d' differs between participants, and between scenes.
@@ -115,14 +115,14 @@ def sensitivity_deviations(
     Right answers: probit above chance; a deviation there becomes one of d' by the slope of `share`
     at the mean (to first order).
     """
-    yes_no, first = share is None, next(iter(settings.answers), "")
-    rows = prepared(decisions, settings)
+    yes_no, first = share is None, next(iter(plan.answers), "")
+    rows = prepared(decisions, plan)
     rows = with_shared_noise(rows, first) if yes_no else rows
     signal, y = np.ones(len(rows)), rows["correct"].to_numpy(dtype=np.float64)
     if yes_no:
         signal = np.where(rows["expected"].astype(str) == first, 0.5, -0.5)
         y = np.asarray(rows["answer"].astype(str) == first, dtype=np.float64)
-    level = [] if settings.level is None else [rows[settings.level]]
+    level = [] if plan.level is None else [rows[plan.level]]
     cell = codes_of(rows["condition"], *level, signal)
     # A mean for each: where all answer alike there is no finite one.
     keep = _undecided(cell, y)
@@ -140,17 +140,17 @@ def sensitivity_deviations(
         own = [] if conditions == 1 else [whole.max() + 1 + codes_of(whole, rows["condition"])]
         groups.append(np.column_stack([whole, *own]))
         slopes.append(np.broadcast_to(one[:, None], groups[-1].shape))
-    response = ResponseFunction("probit", 0.0 if yes_no else settings.chance, 0.0)
+    response = ResponseFunction("probit", 0.0 if yes_no else plan.chance, 0.0)
     fit = _fitted(cell, [], y, groups, slopes, response)
     # Two effects of one deviation each, where there are several conditions.
     unit = np.sqrt(2.0) if conditions > 1 else 1.0
     if share is not None:
-        unit *= _in_d_prime(fit.beta, np.bincount(cell), settings.chance, share)
+        unit *= _in_d_prime(fit.beta, np.bincount(cell), plan.chance, share)
     values = {name: float(unit * sd) for name, sd in zip(times, fit.sd, strict=True)}
     return values, rough_guesses(people, scenes)
 
 
-def threshold_deviations(decisions: pd.DataFrame, settings: RatePlan, span: float) -> Found:
+def threshold_deviations(decisions: pd.DataFrame, plan: RatePlan, span: float) -> Found:
     """Estimate how much thresholds of adaptive levels differ, as shares of the levels' range.
 
     Raises
@@ -160,10 +160,10 @@ def threshold_deviations(decisions: pd.DataFrame, settings: RatePlan, span: floa
     """
     try:
         model = fit_thresholds(
-            prepared(decisions, settings),
-            str(settings.level),
+            prepared(decisions, plan),
+            str(plan.level),
             ("condition",),
-            replace(settings.curve, guess=settings.chance),
+            replace(plan.curve, guess=plan.chance),
         )
     except ValueError as problem:
         raise StudyError(_CANNOT.format(problem)) from None
@@ -179,7 +179,7 @@ def threshold_deviations(decisions: pd.DataFrame, settings: RatePlan, span: floa
     return values, rough_guesses(model.participants, 1)
 
 
-def rating_deviations(decisions: pd.DataFrame, settings: RatingPlan) -> Found:
+def rating_deviations(decisions: pd.DataFrame, plan: RatingPlan) -> Found:
     """Estimate how much participants, and scenes, differ on the latent axis of ratings.
 
     Raises
@@ -188,7 +188,7 @@ def rating_deviations(decisions: pd.DataFrame, settings: RatingPlan) -> Found:
         If the model cannot be fitted, or has no finite deviations.
     """
     try:
-        sd = RatingsPart().of(decisions, settings).model.sd
+        sd = RatingsPart().of(decisions, plan).model.sd
     except ValueError as problem:
         raise StudyError(_CANNOT.format(problem)) from None
     values = {

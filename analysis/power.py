@@ -119,13 +119,13 @@ class PowerSimulation(ABC, Generic[S]):
 
     @abstractmethod
     def from_pilot(
-        self, decisions: pd.DataFrame, settings: S
+        self, decisions: pd.DataFrame, plan: S
     ) -> tuple[Mapping[str, float], Sequence[str]]:
         """Return assumptions by name, as a pilot's decisions have them, and notes on them.
 
         Parameters
         ----------
-        settings
+        plan
             Of the pilot, which may be a table of another study.
 
         Raises

@@ -179,10 +179,10 @@ class Choices(PowerSimulation[PreferencePlan]):
         )
         return [*super().notes(assumed), *[note] * (INTERACTION in assumed)]
 
-    def from_pilot(self, decisions: pd.DataFrame, settings: PreferencePlan) -> Found:
+    def from_pilot(self, decisions: pd.DataFrame, plan: PreferencePlan) -> Found:
         """Return the deviations of a pilot's participants and scenes."""
         found = preference_deviations(decisions)
-        return time_deviations(found, decisions, settings) if self.timed else found
+        return time_deviations(found, decisions, plan) if self.timed else found
 
 
 class _Conditions(PowerSimulation[C]):
@@ -354,12 +354,12 @@ class RightAnswers(_Conditions[RatePlan]):
             rows["answer"] = np.where(event, expected, other)
         return prepared(rows.assign(correct=(rows["answer"] == expected).astype(int)), self.plan)
 
-    def from_pilot(self, decisions: pd.DataFrame, settings: RatePlan) -> Found:
+    def from_pilot(self, decisions: pd.DataFrame, plan: RatePlan) -> Found:
         """Return the deviations of d' between a pilot's participants, and scenes."""
-        _same_levels(self.plan, settings)
-        found = sensitivity_deviations(decisions, settings, self.share)
-        rows = prepared(decisions, settings)
-        return time_deviations(found, rows, settings) if self.timed else found
+        _same_levels(self.plan, plan)
+        found = sensitivity_deviations(decisions, plan, self.share)
+        rows = prepared(decisions, plan)
+        return time_deviations(found, rows, plan) if self.timed else found
 
 
 class Tracks(_Conditions[RatePlan]):
@@ -446,10 +446,10 @@ class Tracks(_Conditions[RatePlan]):
             " observers' psychometric functions are cumulative normal distributions"
         ]
 
-    def from_pilot(self, decisions: pd.DataFrame, settings: RatePlan) -> Found:
+    def from_pilot(self, decisions: pd.DataFrame, plan: RatePlan) -> Found:
         """Return the deviation of thresholds between a pilot's participants."""
-        _same_levels(self.plan, settings)
-        return threshold_deviations(decisions, settings, float(np.ptp(self._levels)))
+        _same_levels(self.plan, plan)
+        return threshold_deviations(decisions, plan, float(np.ptp(self._levels)))
 
 
 def _same_levels(own: RatePlan, pilots: RatePlan) -> None:
@@ -509,7 +509,7 @@ class RatedSteps(_Conditions[RatingPlan]):
             " mixed model, which takes seconds a study",
         ]
 
-    def from_pilot(self, decisions: pd.DataFrame, settings: RatingPlan) -> Found:
+    def from_pilot(self, decisions: pd.DataFrame, plan: RatingPlan) -> Found:
         """Return the deviations of the model of a pilot's ratings."""
-        found = rating_deviations(decisions, settings)
-        return time_deviations(found, decisions, settings) if self.timed else found
+        found = rating_deviations(decisions, plan)
+        return time_deviations(found, decisions, plan) if self.timed else found

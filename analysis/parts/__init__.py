@@ -9,25 +9,27 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeAlias, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Protocol, Self, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
 
 from analysis import SEED
 from analysis.answers import SimulatedAnswers
 from analysis.arrays import Floats
 from analysis.models.mixed.inference import Draws, Inference
 from analysis.plots.style import Figure
+from analysis.report.values import as_json
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Section
+from protocols.disk.hashing import Json
 from protocols.errors import StudyError
 from protocols.plugins import based_on, misfit, registered
 from protocols.tasks.base import Analysis
-from protocols.tasks.mixed import Weights
+from protocols.tasks.mixed import MixedAnalysis, Weights
 
 T = TypeVar("T")
+V = TypeVar("V")
 
 EQUIVALENCE = "equivalence"
 """Name of a test that is to show that there is nothing; its power is that without an effect."""
@@ -36,12 +38,32 @@ Tests: TypeAlias = Mapping[str, Callable[[], Floats]]
 comparisons), adjusted."""
 
 
-class AnalysisPlan(Analysis):
-    """The section `[analysis]` of a study, and what its study or table are about.
+_OF_TABLES = {"order", "label", "method", "against"}
+"""Keys of sections of tables whose facts are in the plan."""
 
-    What a table is told is such a section too. Parts of one family read more.
+
+class SectionKey(Generic[V]):
+    """A key of the section `[analysis]`, which its plan gives as its own."""
+
+    def __init__(self, *default: V) -> None:
+        self._default = default
+
+    def __set_name__(self, _owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, plan: "AnalysisPlan", _owner: type) -> V:
+        found: V = getattr(plan.section, self._name, *self._default)
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnalysisPlan:
+    """The section `[analysis]` of a study or of a table, and the facts of what it is about.
+
+    Parts of one family read further facts.
     """
 
+    section: Analysis
     study: str
     """Name of the study, or of the table's file."""
     title: str
@@ -50,9 +72,12 @@ class AnalysisPlan(Analysis):
     """Hash of the protocol; None for a plain table."""
     alternatives: int | None = None
     """Number of answers, one of them right; None: not said, or none is right."""
-    contrasts: dict[str, Weights] = Field(default_factory=dict)
-    bootstrap_draws: int = 0
-    """As of `protocols.tasks.mixed.MixedAnalysis`."""
+
+    kind = SectionKey[str]()
+    alpha = SectionKey[float]()
+    reaction = SectionKey[Literal["summary", "models"]]()
+    contrasts = SectionKey[dict[str, Weights]]({})
+    bootstrap_draws = SectionKey[int](0)
 
     @property
     def inference(self) -> Inference:
@@ -61,15 +86,23 @@ class AnalysisPlan(Analysis):
         draws = Draws(count, rng) if count else None
         return Inference(self.confidence, profile=True, draws=draws)
 
-    @classmethod
-    def of(cls, asked: Analysis, **facts: Any) -> Self:
-        """Return the plan of such a section; `facts` of the study or table come first."""
-        own = {name: value for name, value in asked if name in cls.model_fields}
-        return cls(**own | facts)
-
     def but(self, **changes: Any) -> Self:
-        """Return the same plan with some values changed."""
-        return self.model_copy(update=changes)
+        """Return the same plan with some facts, or keys of its section, changed."""
+        facts = {key: value for key, value in changes.items() if key in self.facts}
+        asked = {key: value for key, value in changes.items() if key not in facts}
+        return replace(self, section=self.section.model_copy(update=asked), **facts)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Values beside the section, by name."""
+        return {name: value for name, value in vars(self).items() if name != "section"}
+
+    def said(self) -> dict[str, Json]:
+        """Return section and facts as `results.json` has them."""
+        section: dict[str, Json] = self.section.model_dump(mode="json", exclude=_OF_TABLES)
+        if not isinstance(self.section, MixedAnalysis):
+            section |= {"contrasts": {}, "bootstrap_draws": 0}
+        return section | {name: as_json(value) for name, value in self.facts.items()}
 
     @property
     def confidence(self) -> float:

@@ -1,14 +1,15 @@
-"""Settings of an analysis of preferences, from a study's protocol or from a plain table."""
+"""Plan of an analysis of preferences, from a study's protocol or from a plain table."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Literal
 
 import pandas as pd
 
 from analysis.models.compared_methods import ALL_SIZES, found_pairings
-from analysis.parts import AnalysisPlan
-from analysis.plans.table_settings import PreferenceTableSettings
+from analysis.parts import AnalysisPlan, SectionKey
+from analysis.plans.table_sections import PreferenceTableSection
 from protocols.errors import StudyError, did_you_mean
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.study_file.schema import StudyProtocol
@@ -27,9 +28,11 @@ class Comparison:
     repeats: int
 
 
-class PreferencePlan(Preferences, AnalysisPlan):
+@dataclass(frozen=True, kw_only=True)
+class PreferencePlan(AnalysisPlan):
     """Names, labels and rules of a study's analysis."""
 
+    section: Preferences
     methods: tuple[str, ...]
     sizes: tuple[str, ...]
     pairings: tuple[tuple[str, str], ...]
@@ -40,6 +43,11 @@ class PreferencePlan(Preferences, AnalysisPlan):
     """Method, against, and size, "all" for all together; None: a table declares none."""
     planned_participants: int | None = None
     planned_trials: int | None = None
+
+    test = SectionKey[Literal["participant-scene", "participant", "pooled"]]()
+    correction = SectionKey[Literal["holm", "none"]]()
+    interaction = SectionKey[Literal["size"] | None]()
+    smallest_effect_rate = SectionKey[float]()
 
     @property
     def margin(self) -> float:
@@ -90,8 +98,8 @@ class PreferencePlan(Preferences, AnalysisPlan):
         return rows, tuple(name for name in self.methods if name in shown)
 
 
-def from_protocol(protocol: StudyProtocol) -> PreferencePlan:
-    """Return the settings a protocol fixes.
+def preference_plan(protocol: StudyProtocol) -> PreferencePlan:
+    """Return the plan that a protocol fixes.
 
     Pairings are turned so that the primary method's share is counted, and the reference is
     always on the other side, as the papers' figures read.
@@ -114,8 +122,8 @@ def from_protocol(protocol: StudyProtocol) -> PreferencePlan:
         for size in sizes
         for method, against in turned
     )
-    return PreferencePlan.of(
-        analysis,
+    return PreferencePlan(
+        section=analysis,
         study=protocol.study.name,
         title=protocol.study.title,
         protocol_sha256=protocol.sha256,
@@ -132,56 +140,55 @@ def from_protocol(protocol: StudyProtocol) -> PreferencePlan:
     )
 
 
-def from_decisions(
-    decisions: pd.DataFrame, name: str, told: PreferenceTableSettings | None = None
+def preference_plan_of_table(
+    decisions: pd.DataFrame, name: str, section: PreferenceTableSection
 ) -> PreferencePlan:
-    """Return settings for a table without a protocol: every pairing found.
+    """Return the plan of a table without a protocol: every pairing found.
 
     Raises
     ------
     StudyError
         If the options name methods or comparisons that the table does not have.
     """
-    told = told or PreferenceTableSettings()
     found = found_pairings(decisions)
-    methods = told.sort(sorted({method for pairing in found for method in pairing}))
+    methods = section.sort(sorted({method for pairing in found for method in pairing}))
     sizes = tuple(sorted(map(str, decisions["size"].unique())))
     pairs = (pair for pair in combinations(methods, 2) if tuple(sorted(pair)) in found)
-    pairings = _asked(pairs, told, methods)
+    pairings = _asked(pairs, section, methods)
     primary = None
-    if told.primary is not None:
+    if section.primary is not None:
         known = {
             f"{one}/{other}" + (f"/{size}" if size else ""): (one, other, size or "all")
             for pair in pairings
             for one, other in (pair, (pair[1], pair[0]))
             for size in ("", *sizes)
         }
-        text = "/".join(part.strip() for part in told.primary.split("/"))
+        text = "/".join(part.strip() for part in section.primary.split("/"))
         if text not in known:
             raise StudyError(
-                f"--set primary={told.primary}: must be a comparison of the table, as"
+                f"--set primary={section.primary}: must be a comparison of the table, as"
                 f" METHOD/AGAINST ({', '.join('/'.join(pair) for pair in pairings)})"
                 f"{did_you_mean(text, known)}"
             )
         primary = known[text]
         pairings = _turned(pairings, primary[0], primary[1], set())
-    return PreferencePlan.of(
-        told,
+    return PreferencePlan(
+        section=section,
         study=name,
         title=name,
         methods=tuple(methods),
         sizes=sizes,
         pairings=pairings,
-        labels=told.label,
+        labels=section.label,
         primary=primary,
     )
 
 
 def _asked(
-    pairs: Iterable[tuple[str, str]], told: PreferenceTableSettings, methods: Sequence[str]
+    pairs: Iterable[tuple[str, str]], section: PreferenceTableSection, methods: Sequence[str]
 ) -> tuple[tuple[str, str], ...]:
     """Return the pairings that are asked for, the way round that they do."""
-    asked = {"method": told.method, "against": told.against}
+    asked = {"method": section.method, "against": section.against}
     for key, name in asked.items():
         if name is not None and name not in methods:
             raise StudyError(
@@ -193,13 +200,13 @@ def _asked(
         ways = [
             way
             for way in (pair, pair[::-1])
-            if told.method in (None, way[0]) and told.against in (None, way[1])
+            if section.method in (None, way[0]) and section.against in (None, way[1])
         ]
         found += ways[:1]
     if not found:
         raise StudyError(
-            f"--set method={told.method}: must be compared with --set"
-            f" against={told.against} (no decision does)"
+            f"--set method={section.method}: must be compared with --set"
+            f" against={section.against} (no decision does)"
         )
     return tuple(found)
 

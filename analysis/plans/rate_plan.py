@@ -1,12 +1,14 @@
-"""Settings of the analyses of tasks with right answers."""
+"""Plan of the analyses of tasks with right answers."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import pandas as pd
 
 from analysis.models.psychometric import CurveForm
-from analysis.parts import AnalysisPlan
-from analysis.plans.table_settings import RateTableSettings, check_contrasts
+from analysis.parts import AnalysisPlan, SectionKey
+from analysis.plans.table_sections import RateTableSection, check_contrasts
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.answer_rules import AnswerRule, answer_rule
@@ -19,12 +21,11 @@ EVERYTHING = "all"
 """Name of the condition where nothing is compared."""
 
 
-class RatePlan(RatesAnalysis, AnalysisPlan):
+@dataclass(frozen=True, kw_only=True)
+class RatePlan(AnalysisPlan):
     """Names and rules of the analysis of right and wrong answers."""
 
-    by: str | tuple[str, ...] = ""
-    level: str | None = None
-    interaction: str | None = None
+    section: RatesAnalysis
     values: tuple[str, ...]
     """Values of `by` that are compared, in order, the baseline first."""
     adaptive: bool = False
@@ -44,6 +45,15 @@ class RatePlan(RatesAnalysis, AnalysisPlan):
     log: bool = False
     shape: Shape = "gauss"
     """Of psychometric functions: the one that an adaptive rule plans with, else ``gauss``."""
+
+    by = SectionKey[str | tuple[str, ...]]()
+    by_columns = SectionKey[tuple[str, ...]]()
+    by_name = SectionKey[str]()
+    level = SectionKey[str | None]()
+    falling = SectionKey[bool]()
+    test = SectionKey[Literal["participant-scene", "participant"]]()
+    correction = SectionKey[Literal["holm", "none"]]()
+    interaction = SectionKey[str | None]()
 
     @property
     def chance(self) -> float:
@@ -108,8 +118,8 @@ def combined(values: Iterable[object]) -> str:
     return BETWEEN.join(map(name_of, values))
 
 
-def common_settings(study: StudyProtocol) -> RatePlan:
-    """Return the settings that a protocol fixes.
+def rate_plan(study: StudyProtocol) -> RatePlan:
+    """Return the plan that a protocol fixes.
 
     Values of `by` that no trial shows, such as a standard, are left out.
     """
@@ -127,21 +137,21 @@ def common_settings(study: StudyProtocol) -> RatePlan:
         values.sort(key=lambda value: value != name_of(analysis.baseline))
     answers = study.text.languages[study.text.default_language].answers
     rule = task.adaptation
-    level = analysis.level
-    falling = analysis.falling
+    section = analysis
     shape: Shape = "gauss"
     if isinstance(rule, AdaptiveLevels):
-        level = level or rule.column
-        falling = bool(getattr(rule, "falling", falling))
+        adapted = {
+            "level": analysis.level or rule.column,
+            "falling": bool(getattr(rule, "falling", analysis.falling)),
+        }
+        section = analysis.model_copy(update=adapted)
         shape = getattr(rule, "shape", shape)
-    return RatePlan.of(
-        analysis,
+    return RatePlan(
+        section=section,
         study=study.study.name,
         title=study.study.title,
         protocol_sha256=study.sha256,
         values=tuple(value for value in values if value in shown),
-        level=level,
-        falling=falling,
         adaptive=rule is not None,
         answers=task.answers(),
         alternatives=len(task.answers()),
@@ -151,6 +161,7 @@ def common_settings(study: StudyProtocol) -> RatePlan:
         planned_participants=study.study.participants,
         planned_trials=rule.trials_of(task, pool) if rule else len(cells) * pool.repeats,
         shape=shape,
+        rule=getattr(analysis, "rule", "alternatives"),
     )
 
 
@@ -167,24 +178,24 @@ class CurvePlan(RatePlan):
         return None
 
 
-def common_settings_of_table(
+def rate_plan_of_table(
     decisions: pd.DataFrame,
     name: str,
-    told: RateTableSettings,
+    section: RateTableSection,
     answers: tuple[str, ...],
     plan: type[RatePlan] = RatePlan,
 ) -> RatePlan:
-    """Return the settings of a table without a protocol.
+    """Return the plan of a table without a protocol.
 
     Raises
     ------
     StudyError
         If the table does not have a column or value that the options name.
     """
-    columns = told.by_columns or (("method",) if "method" in decisions else ())
+    columns = section.by_columns or (("method",) if "method" in decisions else ())
     by = BETWEEN.join(columns)
-    named = [*(("by", column) for column in columns), ("level", told.level)]
-    named.append(("interaction", told.interaction))
+    named = [*(("by", column) for column in columns), ("level", section.level)]
+    named.append(("interaction", section.interaction))
     for key, column in named:
         if column is not None and column not in decisions:
             raise StudyError(
@@ -192,7 +203,7 @@ def common_settings_of_table(
                 f" ({', '.join(map(str, decisions.columns))})"
                 f"{did_you_mean(column, list(map(str, decisions.columns)))}"
             )
-    if told.level == TAKEN:
+    if section.level == TAKEN:
         raise StudyError(
             f"--set level={TAKEN}: must not be {TAKEN!r}, as reports call what is compared; give it"
             f" another name: --map level={TAKEN} --set level=level"
@@ -202,31 +213,34 @@ def common_settings_of_table(
         found = decisions[[*columns]].drop_duplicates().sort_values([*columns], kind="stable")
         values = list(map(combined, found.itertuples(index=False)))
     parts = {*(part for name in values for part in name.split(BETWEEN)), *answers}
-    values = told.sort(values, sorted(parts))
-    if told.baseline is not None:
-        first = name_of(told.baseline)
+    values = section.sort(values, sorted(parts))
+    if section.baseline is not None:
+        first = name_of(section.baseline)
         if first not in values:
             raise StudyError(
                 f"--set baseline={first}: must be a value of {by!r} ({', '.join(values)})"
                 f"{did_you_mean(first, values)}"
             )
         values.sort(key=lambda value: value != first)
-    check_contrasts(told, values)
-    return plan.of(
-        told,
+    check_contrasts(section, values)
+    return plan(
+        section=section.model_copy(update={"by": by}),
         study=name,
         title=name,
-        by=by,
         values=tuple(values),
         adaptive="track" in decisions and bool((decisions["track"].fillna("") != "").any()),
         answers=answers,
         alternatives=len(answers),
-        guess=getattr(told, "guess", 1.0 / len(answers)),
-        labels=told.label,
+        guess=getattr(section, "guess", 1.0 / len(answers)),
+        log=getattr(section, "log", False),
+        signal=getattr(section, "signal", ""),
+        rule=getattr(section, "rule", "alternatives"),
+        shape=section.shape,
+        labels=section.label,
     )
 
 
-def prepared(decisions: pd.DataFrame, settings: RatePlan) -> pd.DataFrame:
+def prepared(decisions: pd.DataFrame, plan: RatePlan) -> pd.DataFrame:
     """Return the decisions as the statistics take them.
 
     Returns
@@ -237,22 +251,22 @@ def prepared(decisions: pd.DataFrame, settings: RatePlan) -> pd.DataFrame:
     """
     rows = decisions.copy()
     rows["correct"] = pd.to_numeric(rows["correct"]).astype(int)
-    columns = list(settings.by_columns)
+    columns = list(plan.by_columns)
     names: Sequence[str] | str = EVERYTHING
     if columns:
         names = list(map(combined, rows[columns].itertuples(index=False)))
     rows["condition"] = names  # last: the table may have a column of this name
-    if "scene" in rows and (settings.test == "participant" or (rows["scene"] == "").all()):
+    if "scene" in rows and (plan.test == "participant" or (rows["scene"] == "").all()):
         rows = rows.drop(columns="scene")
     return rows.reset_index(drop=True)
 
 
-def shown_in(rows: pd.DataFrame, settings: RatePlan) -> list[str]:
+def shown_in(rows: pd.DataFrame, plan: RatePlan) -> list[str]:
     """Return the conditions of prepared rows, as the study declares them."""
     present = set(rows["condition"])
-    return [name for name in settings.values if name in present]
+    return [name for name in plan.values if name in present]
 
 
-def baseline_in(rows: pd.DataFrame, settings: RatePlan) -> str | None:
+def baseline_in(rows: pd.DataFrame, plan: RatePlan) -> str | None:
     """Return the first condition of prepared rows, where there are others to compare it with."""
-    return settings.reference_in(shown_in(rows, settings))
+    return plan.reference_in(shown_in(rows, plan))

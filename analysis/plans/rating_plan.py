@@ -1,23 +1,32 @@
-"""Settings of the analysis of ratings."""
+"""Plan of the analysis of ratings."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import pandas as pd
 
-from analysis.parts import AnalysisPlan
-from analysis.plans.table_settings import RatingTableSettings, check_contrasts
+from analysis.parts import AnalysisPlan, SectionKey
+from analysis.plans.table_sections import RatingTableSection, check_contrasts
 from protocols.errors import StudyError, did_you_mean
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.rates import name_of
 from protocols.tasks.rating import Rating, RatingsAnalysis
+from protocols.units import Scalar
 
 
-class RatingPlan(RatingsAnalysis, AnalysisPlan):
+@dataclass(frozen=True, kw_only=True)
+class RatingPlan(AnalysisPlan):
     """Names and rules of the analysis of ratings; without `by` they are of pairs."""
 
-    by: str = ""
+    section: RatingsAnalysis
     scale: tuple[str, ...] = ()
     """Ratings from the lowest; empty: they are numbers."""
+
+    by = SectionKey[str]()
+    baseline = SectionKey[Scalar | None]()
+    link = SectionKey[Literal["probit", "logit"]]()
+    correction = SectionKey[Literal["holm", "none"]]()
 
     @property
     def counted(self) -> str:
@@ -39,8 +48,8 @@ class RatingPlan(RatingsAnalysis, AnalysisPlan):
         return self.compared or ("first", "second")
 
 
-def from_protocol(study: StudyProtocol) -> RatingPlan:
-    """Return the settings that a protocol fixes.
+def rating_plan(study: StudyProtocol) -> RatingPlan:
+    """Return the plan that a protocol fixes.
 
     Raises
     ------
@@ -53,8 +62,8 @@ def from_protocol(study: StudyProtocol) -> RatingPlan:
             f"analysis.kind: must be 'ratings' with the task 'rating' (got {analysis.kind!r} with"
             f" {task.kind!r})"
         )
-    return RatingPlan.of(
-        analysis,
+    return RatingPlan(
+        section=analysis,
         study=study.study.name,
         title=study.study.title,
         protocol_sha256=study.sha256,
@@ -62,25 +71,28 @@ def from_protocol(study: StudyProtocol) -> RatingPlan:
     )
 
 
-def settings_of(decisions: pd.DataFrame, name: str, told: RatingTableSettings) -> RatingPlan:
-    """Return the settings of a table.
+def rating_plan_of_table(
+    decisions: pd.DataFrame, name: str, section: RatingTableSection
+) -> RatingPlan:
+    """Return the plan of a table.
 
     Raises
     ------
     StudyError
         If the baseline is no condition of the table.
     """
-    settings = RatingPlan.of(told, study=name, title=name, reaction="models")
-    known, baseline = conditions_of(decisions, settings), settings.reference_in(())
-    check_contrasts(told, known)
+    section = section.model_copy(update={"reaction": "models"})
+    plan = RatingPlan(section=section, study=name, title=name, scale=section.scale)
+    known, baseline = conditions_of(decisions, plan), plan.reference_in(())
+    check_contrasts(section, known)
     if baseline is not None and baseline not in known:
         raise StudyError(
             f"--set baseline={baseline}: must be one of the conditions"
             f" ({', '.join(known)}){did_you_mean(baseline, known)}"
         )
-    return settings
+    return plan
 
 
-def conditions_of(decisions: pd.DataFrame, settings: RatingPlan) -> Sequence[str]:
+def conditions_of(decisions: pd.DataFrame, plan: RatingPlan) -> Sequence[str]:
     """Return the conditions that are rated, sorted."""
-    return sorted({str(value) for name in settings.columns for value in decisions[name]})
+    return sorted({str(value) for name in plan.columns for value in decisions[name]})

@@ -58,7 +58,7 @@ def content_of(
     source: ReportSource, step: Callable[[str], None] = lambda _name: None
 ) -> ReportContent:
     """Analyse a source, part by part."""
-    analysis, plan, decisions = source.analysis, source.settings, source.decisions
+    analysis, plan, decisions = source.analysis, source.plan, source.decisions
     every = with_added(analysis.parts_of(plan))
     parts = tuple(one for one in every if not source.only or one.name in source.only)
     parts = (*parts, PlacesPart(parts, source.tidy.sessions if source.tidy else None))

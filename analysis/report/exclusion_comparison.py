@@ -36,21 +36,21 @@ class ExclusionComparison:
 
 def beside(source: ReportSource) -> ExclusionComparison | None:
     """Return the numbers with and without exclusions; None where no rule left anything out."""
-    alpha = source.settings.alpha
+    alpha = source.plan.alpha
     if source.tidy is None:
         return None
     main = source.tidy.decisions[source.tidy.decisions["kind"] == "main"]
     left_out = len(main) - len(source.decisions)
     if left_out == 0:
         return None
-    own, settings = source.analysis, source.settings
+    own, plan = source.analysis, source.plan
     try:
         kept, every = (
-            estimates_of(with_added(own.parts), own.table(rows, settings), settings)
+            estimates_of(with_added(own.parts), own.table(rows, plan), plan)
             for rows in (source.decisions, main.assign(included=1).reset_index(drop=True))
         )
     except (ValueError, StudyError) as problem:
-        why_not = str(problem).removeprefix(f"{settings.study}: ")
+        why_not = str(problem).removeprefix(f"{plan.study}: ")
         return ExclusionComparison((), (), left_out, alpha, (), why_not)
     if not every:
         return None

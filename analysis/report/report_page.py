@@ -23,7 +23,7 @@ def report_page(
     quality: Sequence[Block] = (),
 ) -> str:
     """Return the page; `quality` are blocks that end the section on data quality."""
-    plan, simulated = source.settings, source.simulated
+    plan, simulated = source.plan, source.simulated
     protocol = (
         Markup(" · protocol {} <code>{}</code>").format(plan.study, plan.protocol_sha256[:12])
         if plan.protocol_sha256

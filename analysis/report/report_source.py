@@ -12,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.parts import AnalysisPlan
-from analysis.plans.table_settings import PreferenceTableSettings
+from analysis.plans.table_sections import PreferenceTableSection
 from analysis.tables.table import BY_IMPORT, Table
 from analysis.tasks import analysis_of
 from analysis.tasks.base import AnyAnalysis
@@ -35,7 +35,7 @@ class ReportSource:
     decisions: pd.DataFrame
     tidy: TidyTables | None
     protocol: StudyProtocol | None
-    settings: AnalysisPlan
+    plan: AnalysisPlan
     simulated: bool
     provenance: dict[str, Json]
     warnings: tuple[str, ...]
@@ -86,7 +86,7 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
         decisions,
         tidy,
         protocol,
-        analysis.settings(protocol),
+        analysis.plan(protocol),
         tidy.simulated,
         provenance,
         (*recording_notes(sessions), *tidy.warnings),
@@ -134,25 +134,25 @@ def from_table(path: Path, given: TableSettings = TableSettings()) -> ReportSour
     table = Table(path, where=given.where, command=BY_IMPORT)
     if protocol is not None:
         analysis = analysis_of(protocol.analysis.kind)
-        settings = analysis.settings(protocol)
-        decisions = _main(path, analysis.read(table, {}, analysis.told_by(settings)))
-        analysis.check_table(path, decisions, settings)
+        plan = analysis.plan(protocol)
+        decisions = _main(path, analysis.read(table, {}, analysis.section_of_table(plan)))
+        analysis.check_table(path, decisions, plan)
         notes.append("the protocol's exclusion rules were not applied to this table")
     else:
         noted = noted or _guessed(table)
         analysis = analysis_of(noted.kind)
-        asked = options_from(noted.kind, given.told, noted)
-        decisions = _main(path, analysis.read(table, {}, asked))
-        settings = analysis.settings_of_table(decisions, path.stem, asked)
+        section = options_from(noted.kind, given.told, noted)
+        decisions = _main(path, analysis.read(table, {}, section))
+        plan = analysis.plan_of_table(decisions, path.stem, section)
     if given.title is not None:
-        settings = settings.but(title=given.title)
-    return _of_table(analysis, table, decisions, settings, notes, protocol)
+        plan = plan.but(title=given.title)
+    return _of_table(analysis, table, decisions, plan, notes, protocol)
 
 
 def from_question(
-    analysis: AnyAnalysis, table: Table, told: Analysis, only: Collection[str] = ()
+    analysis: AnyAnalysis, table: Table, section: Analysis, only: Collection[str] = ()
 ) -> ReportSource:
-    """Read a table for one question: a kind of analysis, and what a command was told.
+    """Read a table for one question: a kind of analysis, and the section that a command tells.
 
     `only` are the parts that answer it; none: all.
 
@@ -161,17 +161,17 @@ def from_question(
     StudyError
         If the table lacks a column, or holds what cannot be.
     """
-    decisions = analysis.read(table, {}, told)
-    settings = analysis.settings_of_table(decisions, table.path.stem, told)
-    notes = analysis.table_notes(decisions, settings)
-    return replace(_of_table(analysis, table, decisions, settings, notes), only=tuple(only))
+    decisions = analysis.read(table, {}, section)
+    plan = analysis.plan_of_table(decisions, table.path.stem, section)
+    notes = analysis.table_notes(decisions, plan)
+    return replace(_of_table(analysis, table, decisions, plan, notes), only=tuple(only))
 
 
 def _of_table(
     analysis: AnyAnalysis,
     table: Table,
     decisions: pd.DataFrame,
-    settings: AnalysisPlan,
+    plan: AnalysisPlan,
     notes: Sequence[str],
     protocol: StudyProtocol | None = None,
 ) -> ReportSource:
@@ -179,10 +179,10 @@ def _of_table(
     simulated = "simulated" in decisions and bool(decisions["simulated"].fillna(0).max())
     provenance: dict[str, Json] = {
         "table_sha256": digest,
-        "protocol_sha256": settings.protocol_sha256,
+        "protocol_sha256": plan.protocol_sha256,
     }
     said = (*table.notes, *notes)
-    return ReportSource(analysis, decisions, None, protocol, settings, simulated, provenance, said)
+    return ReportSource(analysis, decisions, None, protocol, plan, simulated, provenance, said)
 
 
 def _main(path: Path, decisions: pd.DataFrame) -> pd.DataFrame:
@@ -202,7 +202,7 @@ def _guessed(table: Table) -> Analysis:
             " --task TASK', which notes the task beside the table"
             f" (there is no {note_path(path).name} here, and the columns fit several tasks)"
         )
-    return PreferenceTableSettings()
+    return PreferenceTableSection()
 
 
 _NAMED = 5

@@ -140,7 +140,7 @@ def write_report(
         numbers: dict[str, Json] = {
             "format": FORMAT,
             "simulated": source.simulated,
-            "settings": source.settings.model_dump(mode="json"),
+            "settings": source.plan.said(),
             "results": {**content.numbers},
             "flow": as_json(source.tidy.flow if source.tidy else ()),
             "participants": as_json(source.tidy.participants if source.tidy else None),

@@ -21,14 +21,24 @@ from protocols.errors import StudyError
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
-S = TypeVar("S", bound=AnalysisPlan)
+S = TypeVar("S", bound=Analysis)
+P = TypeVar("P", bound=AnalysisPlan)
 
 
-class TaskAnalysis(ABC, Generic[S]):
+class TaskAnalysis(ABC, Generic[S, P]):
     """The analysis of a kind of task: its parts, and how a study or a table becomes their plan.
 
-    `S` is that plan.
+    `S` is the section `[analysis]` as a table is told it, `P` the plan.
     """
+
+    def __init_subclass__(cls) -> None:
+        """Refuse what was written for 0.3 and has other names now."""
+        super().__init_subclass__()
+        for old, new in _RENAMED.items():
+            if old in vars(cls):
+                raise TypeError(
+                    f"{old} of an analysis is {new} since 0.4 (docs/from-0.3-to-0.4.md)"
+                )
 
     kind: ClassVar[str]
     """Kind in the section `[analysis]` of a study."""
@@ -37,11 +47,11 @@ class TaskAnalysis(ABC, Generic[S]):
     parts: ClassVar[tuple[AnyPart, ...]] = ()
     """Its statistics, in reading order."""
     options: ClassVar[type[Analysis]]
-    """Model of the options of a table without a protocol."""
+    """Model of the section of a table without a protocol: `S`."""
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED}
     """Constants that results depend on; the report's provenance lists them."""
 
-    def settings(self, _study: StudyProtocol) -> S:
+    def plan(self, _study: StudyProtocol) -> P:
         """Return the plan that a protocol fixes.
 
         Raises
@@ -54,17 +64,17 @@ class TaskAnalysis(ABC, Generic[S]):
         )
 
     @abstractmethod
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> S:
+    def plan_of_table(self, decisions: pd.DataFrame, name: str, section: S) -> P:
         """Return the plan of a table without a protocol.
 
         Raises
         ------
         StudyError
-            If what was told does not fit the table.
+            If its section does not fit the table.
         """
 
     @abstractmethod
-    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], section: S) -> pd.DataFrame:
         """Read decisions from a table of any tool; what was left out is added to its notes.
 
         Parameters
@@ -79,31 +89,31 @@ class TaskAnalysis(ABC, Generic[S]):
             With the column, line and value at fault.
         """
 
-    def told_by(self, plan: S) -> Analysis:
-        """Return the settings with which a table is read as the plan of a study says."""
-        keys = self.options.model_fields
-        return self.options(**{name: value for name, value in plan if name in keys})
+    def section_of_table(self, plan: P) -> Analysis:
+        """Return the section with which a table is read as the plan of a study says."""
+        said = {**dict(plan.section), **plan.facts}
+        return self.options(**{key: said[key] for key in self.options.model_fields if key in said})
 
     def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of a table that was read, for its data dictionary."""
         return answer_columns(decisions)
 
-    def table_notes(self, _decisions: pd.DataFrame, _settings: S) -> Sequence[str]:
+    def table_notes(self, _decisions: pd.DataFrame, _plan: P) -> Sequence[str]:
         """Return notes on odd answers of a table that was read."""
         return ()
 
-    def lacks(self, _decisions: pd.DataFrame, _settings: S) -> str:
+    def lacks(self, _decisions: pd.DataFrame, _plan: P) -> str:
         """Return the part that a table lacks for a report, and the cure; empty: nothing."""
         return ""
 
-    def check_table(self, _path: Path, _decisions: pd.DataFrame, _settings: S) -> None:
+    def check_table(self, _path: Path, _decisions: pd.DataFrame, _plan: P) -> None:
         """Refuse a table that does not fit the protocol given with it (StudyError)."""
 
-    def parts_of(self, _settings: S) -> Sequence[AnyPart]:
+    def parts_of(self, _plan: P) -> Sequence[AnyPart]:
         """Return the parts of such a report, in reading order."""
         return self.parts
 
-    def table(self, decisions: pd.DataFrame, _settings: S) -> pd.DataFrame:
+    def table(self, decisions: pd.DataFrame, _plan: P) -> pd.DataFrame:
         """Return decisions as the parts take them."""
         return decisions
 
@@ -113,7 +123,7 @@ class TaskAnalysis(ABC, Generic[S]):
 
     # Power.
 
-    def simulation(self, study: StudyProtocol) -> PowerSimulation[S]:
+    def simulation(self, study: StudyProtocol) -> PowerSimulation[P]:
         """Return the simulation of such a study, for its power.
 
         Raises
@@ -134,4 +144,6 @@ class TaskAnalysis(ABC, Generic[S]):
             return ()
 
 
-AnyAnalysis: TypeAlias = TaskAnalysis[Any]
+_RENAMED = {"settings": "plan", "settings_of_table": "plan_of_table", "told_by": "section_of_table"}
+
+AnyAnalysis: TypeAlias = TaskAnalysis[Any, Any]

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from analysis.plans.table_settings import keys_of, said_of
+from analysis.plans.table_sections import keys_of, said_of
 from analysis.tasks import analysis_of
 from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError, did_you_mean

@@ -1,7 +1,7 @@
 """The analysis of ordered ratings, kind `ratings`."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import pandas as pd
 
@@ -11,8 +11,8 @@ from analysis.parts.learning import StepLearning
 from analysis.parts.random_effects import RatingEffects, TimeEffects
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
-from analysis.plans.rating_plan import RatingPlan, conditions_of, from_protocol, settings_of
-from analysis.plans.table_settings import RatingTableSettings
+from analysis.plans.rating_plan import RatingPlan, conditions_of, rating_plan, rating_plan_of_table
+from analysis.plans.table_sections import RatingTableSection
 from analysis.simulations import RatedSteps
 from analysis.tables.rating_table import read_ratings
 from analysis.tables.table import Source
@@ -22,7 +22,7 @@ from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
 
-class RatingsTask(TaskAnalysis[RatingPlan]):
+class RatingsTask(TaskAnalysis[RatingTableSection, RatingPlan]):
     """A cumulative-link mixed model of ratings, or of graded comparisons of pairs."""
 
     kind: ClassVar[str] = "ratings"
@@ -34,29 +34,33 @@ class RatingsTask(TaskAnalysis[RatingPlan]):
         TimesPart(),
         TimeEffects(TimesPart()),
     )
-    options: ClassVar[type[Analysis]] = RatingTableSettings
+    options: ClassVar[type[Analysis]] = RatingTableSection
 
-    def settings(self, study: StudyProtocol) -> RatingPlan:
+    def plan(self, study: StudyProtocol) -> RatingPlan:
         """Return the plan that a protocol fixes."""
-        return from_protocol(study)
+        return rating_plan(study)
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatingPlan:
-        """Return the plan that was told."""
-        return settings_of(decisions, name, told)
+    def plan_of_table(
+        self, decisions: pd.DataFrame, name: str, section: RatingTableSection
+    ) -> RatingPlan:
+        """Return the plan of a table's own conditions."""
+        return rating_plan_of_table(decisions, name, section)
 
-    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
+    def read(
+        self, table: Source, mapping: Mapping[str, str], section: RatingTableSection
+    ) -> pd.DataFrame:
         """Read ratings: who gave which to what."""
-        by = told.by or None
+        by = section.by or None
         return as_decisions(
-            read_ratings(table, mapping, by=by, scale=told.scale, option="--set {}=")
+            read_ratings(table, mapping, by=by, scale=section.scale, option="--set {}=")
         )
 
     def simulation(self, study: StudyProtocol) -> RatedSteps:
         """Return the simulation of the steps that are given."""
-        plan = self.settings(study)
+        plan = self.plan(study)
         return RatedSteps(study, plan, self.parts_of(plan))
 
-    def lacks(self, decisions: pd.DataFrame, settings: RatingPlan) -> str:
+    def lacks(self, decisions: pd.DataFrame, plan: RatingPlan) -> str:
         """Return the column without which nothing can be compared."""
-        rated = len(conditions_of(decisions, settings))
+        rated = len(conditions_of(decisions, plan))
         return lacking(decisions["participant"].nunique(), rated, decisions["rating"].nunique())

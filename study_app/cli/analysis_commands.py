@@ -179,7 +179,7 @@ def tidy(
         analysis = analysis_of(study.analysis.kind)
         for name, table in analysis.tidy_tables(tables.analysed).items():
             write_table(table, work / name)
-        write_note(work / "decisions.csv", analysis.told_by(analysis.settings(study)))
+        write_note(work / "decisions.csv", analysis.section_of_table(analysis.plan(study)))
     say_notes(tables.warnings)
     kept, every = len(tables.analysed), int((tables.decisions["kind"] == "main").sum())
     mark = " SIMULATED" if tables.simulated else ""
@@ -377,7 +377,7 @@ def import_(
         --map correct=hit --set by=method --set level=ecc --set falling=true --out imported
     """
     from analysis.data_dictionary import dictionary
-    from analysis.plans.table_settings import RateTableSettings
+    from analysis.plans.table_sections import RateTableSection
     from analysis.tables.table import BY_IMPORT
     from analysis.tables.table_files import write_table
     from analysis.tasks import analysis_of_task
@@ -386,15 +386,15 @@ def import_(
 
     check_result(out, replace=replace, reads=[table])
     analysis = analysis_of_task(asked.task)
-    chosen = options_from(analysis.kind, pairs("--set", asked.settings or ()))
-    has_answers = issubclass(analysis.options, RateTableSettings)
+    section = options_from(analysis.kind, pairs("--set", asked.settings or ()))
+    has_answers = issubclass(analysis.options, RateTableSection)
     square: Counted | None = "answers" if has_answers else None
     if analysis.kind == "preference":
         square = "choices"
     plain = table_told(table, (asked.columns, where, answer), BY_IMPORT, square)
-    decisions = analysis.read(plain, {}, chosen)
-    settings = analysis.settings_of_table(decisions, table.stem, chosen)
-    plain.notes += analysis.table_notes(decisions, settings)
+    decisions = analysis.read(plain, {}, section)
+    plan = analysis.plan_of_table(decisions, table.stem, section)
+    plain.notes += analysis.table_notes(decisions, plan)
     with whole_folder(out, replace=replace, reads=[table]) as work:
         tables = {
             "decisions.csv": decisions,
@@ -403,13 +403,13 @@ def import_(
         }
         for name, frame in tables.items():
             write_table(frame, work / name)
-        write_note(work / "decisions.csv", chosen)
+        write_note(work / "decisions.csv", section)
     say_notes(plain.notes)
     people = count_of(decisions["participant"].nunique(), "participant")
     counted = f"{count_of(len(decisions), 'decision')} of {people}"
     say(f"{out / 'decisions.csv'}: {counted}")
     written = shlex.quote(str(out / "decisions.csv"))
-    lack = analysis.lacks(decisions, settings)
+    lack = analysis.lacks(decisions, plan)
     say(
         f"no report yet: {lack}"
         if lack
@@ -437,7 +437,7 @@ def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
 def _pilot(
     path: Path, study: StudyProtocol, progress: Progress
 ) -> tuple[pd.DataFrame, AnalysisPlan]:
-    """Return decisions and settings of a pilot: of sessions, or of a table."""
+    """Return decisions and plan of a pilot: of sessions, or of a table."""
     from analysis.report.report_source import from_sessions, from_table
 
     table = path.suffix.lower() in (".csv", ".tsv") and not path.is_dir()
@@ -448,7 +448,7 @@ def _pilot(
             f" (found {found.analysis.kind})"
         )
     say_notes(found.warnings if table else ())
-    return found.decisions, found.settings
+    return found.decisions, found.plan
 
 
 def _print_power(found: Power) -> None:

@@ -13,11 +13,11 @@ from markupsafe import Markup
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from analysis.plans.table_settings import (
-    CurveTableSettings,
-    DetectionTableSettings,
-    RatingTableSettings,
-    TimeTableSettings,
+from analysis.plans.table_sections import (
+    CurveTableSection,
+    DetectionTableSection,
+    RatingTableSection,
+    TimeTableSection,
 )
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
@@ -143,7 +143,7 @@ def _option(told: type[Analysis], key: str, *, needed: bool) -> inspect.Paramete
 
 
 @_question(
-    CurveTableSettings,
+    CurveTableSection,
     ("level", "by", "guess", "shape", "falling", "log"),
     needed=("level",),
 )
@@ -164,7 +164,7 @@ def psychometric() -> None:
     """
 
 
-@_question(DetectionTableSettings, ("signal", "by", "baseline"), ("sensitivity", "typical"))
+@_question(DetectionTableSection, ("signal", "by", "baseline"), ("sensitivity", "typical"))
 def detection() -> None:
     """Measure detection in a yes-no task: d', criterion and bias by condition.
 
@@ -176,7 +176,7 @@ def detection() -> None:
     """
 
 
-@_question(TimeTableSettings, ("by", "baseline", "contrasts", "bootstrap_draws"))
+@_question(TimeTableSection, ("by", "baseline", "contrasts", "bootstrap_draws"))
 def reaction() -> None:
     """Compare reaction times between conditions by a log-normal mixed model.
 
@@ -187,7 +187,7 @@ def reaction() -> None:
 
 
 @_question(
-    RatingTableSettings,
+    RatingTableSection,
     ("by", "scale", "baseline", "link", "contrasts", "bootstrap_draws"),
     ("ratings", "random_ratings"),
 )

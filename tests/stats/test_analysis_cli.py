@@ -134,7 +134,7 @@ def test_power_of_numbers_alone_is_that_of_the_study_they_describe():
     assert "7 (planned)" in result.output
 
     study = preferences_of(**numbers)
-    settings = analysis_of("preference").settings(study)
+    settings = analysis_of("preference").plan(study)
     assert len(settings.comparisons) == 2
     assert {len(entry.scenes) for entry in settings.comparisons} == {4}
     assert {entry.repeats for entry in settings.comparisons} == {3}

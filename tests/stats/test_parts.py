@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from undrawn_reports import drawn_narrow, undrawn
 
 from analysis.parts import Estimate, Part, Presentation, computed, estimates_of, with_added
+from analysis.plans.table_sections import TimeTableSection
 from analysis.report.write_report import report_decisions
 from analysis.tables.table import Table
 from analysis.tables.trials import read_times
@@ -352,7 +353,7 @@ def test_rows_without_a_time_or_without_an_answer_are_left_out_and_counted(trial
 def shown(kind, options, rows, part) -> Presentation:
     """Blocks that a part shows of rows."""
     analysis = analysis_of(kind)
-    plan = analysis.settings_of_table(rows, "rows", analysis.options(**options))
+    plan = analysis.plan_of_table(rows, "rows", analysis.options(**options))
     found, _ = computed(analysis.parts, analysis.table(rows, plan), plan)
     (own,) = (one for one in analysis.parts if one.name == part)
     return own.show(found[part], plan)
@@ -426,7 +427,7 @@ class Draws(Part[Any, Number]):
         return Presentation(sentences=(f"{found.value}",))
 
 
-PLAN = TimesPlan(study="s", title="s")
+PLAN = TimesPlan(section=TimeTableSection(reaction="models"), study="s", title="s")
 NOTHING = pd.DataFrame({"participant": []})
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import pandas as pd
 
@@ -20,10 +20,10 @@ from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.times import TimesPart
 from analysis.plans.preference_plan import (
     PreferencePlan,
-    from_decisions,
-    from_protocol,
+    preference_plan,
+    preference_plan_of_table,
 )
-from analysis.plans.table_settings import PreferenceTableSettings
+from analysis.plans.table_sections import PreferenceTableSection
 from analysis.simulations import Choices
 from analysis.tables.decisions import preference_columns, read_decisions
 from analysis.tables.table import Source
@@ -35,11 +35,11 @@ from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.base import Analysis
 
 
-class PreferenceOfPairs(TaskAnalysis[PreferencePlan]):
+class PreferenceOfPairs(TaskAnalysis[PreferenceTableSection, PreferencePlan]):
     """Shares of choices, models, scales in JOD: tasks `two-interval` and `two-alternative`."""
 
     kind: ClassVar[str] = "preference"
-    options: ClassVar[type[Analysis]] = PreferenceTableSettings
+    options: ClassVar[type[Analysis]] = PreferenceTableSection
     parts: ClassVar[tuple[AnyPart, ...]] = (
         PreferencesPart(),
         AchievedPowerPart(),
@@ -54,19 +54,23 @@ class PreferenceOfPairs(TaskAnalysis[PreferencePlan]):
     )
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED, "bootstrap_samples": BOOTSTRAP_SAMPLES}
 
-    def settings(self, study: StudyProtocol) -> PreferencePlan:
+    def plan(self, study: StudyProtocol) -> PreferencePlan:
         """Return pairings, primary comparison and rules of a protocol."""
-        return from_protocol(study)
+        return preference_plan(study)
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> PreferencePlan:
+    def plan_of_table(
+        self, decisions: pd.DataFrame, name: str, section: PreferenceTableSection
+    ) -> PreferencePlan:
         """Return every pairing found, as named and turned."""
-        return from_decisions(decisions, name, told)
+        return preference_plan_of_table(decisions, name, section)
 
-    def told_by(self, plan: PreferencePlan) -> Analysis:
+    def section_of_table(self, plan: PreferencePlan) -> Analysis:
         """Return rules and names; a table with what is compared declares no primary comparison."""
-        return super().told_by(plan.but(primary=None))
+        return super().section_of_table(plan.but(primary=None))
 
-    def read(self, table: Source, mapping: Mapping[str, str], _told: Any) -> pd.DataFrame:
+    def read(
+        self, table: Source, mapping: Mapping[str, str], _section: PreferenceTableSection
+    ) -> pd.DataFrame:
         """Read decisions: who compared what with what, and chose which."""
         return read_decisions(table, mapping)
 
@@ -74,22 +78,20 @@ class PreferenceOfPairs(TaskAnalysis[PreferencePlan]):
         """Return the columns of preferences."""
         return preference_columns(decisions)
 
-    def check_table(self, path: Path, decisions: pd.DataFrame, settings: PreferencePlan) -> None:
+    def check_table(self, path: Path, decisions: pd.DataFrame, plan: PreferencePlan) -> None:
         """Refuse methods that the protocol does not have, and a table without its pairings."""
-        unknown = sorted(
-            (set(decisions["first"]) | set(decisions["second"])) - set(settings.methods)
-        )
+        unknown = sorted((set(decisions["first"]) | set(decisions["second"])) - set(plan.methods))
         if unknown:
             raise StudyError(
                 f"{path}: methods must be those of the protocol"
-                f" ({', '.join(settings.methods)}) (got {', '.join(unknown)})"
+                f" ({', '.join(plan.methods)}) (got {', '.join(unknown)})"
             )
         if not any(
-            len(pairing_rows(decisions, method, against)) for method, against in settings.pairings
+            len(pairing_rows(decisions, method, against)) for method, against in plan.pairings
         ):
             raise StudyError(f"{path}: must compare at least one of the protocol's pairings")
 
-    def table(self, decisions: pd.DataFrame, _settings: PreferencePlan) -> pd.DataFrame:
+    def table(self, decisions: pd.DataFrame, _plan: PreferencePlan) -> pd.DataFrame:
         """Return decisions with names as categories, which parts group."""
         return as_numbers(decisions)
 
@@ -99,5 +101,5 @@ class PreferenceOfPairs(TaskAnalysis[PreferencePlan]):
 
     def simulation(self, study: StudyProtocol) -> Choices:
         """Return the simulation of choices, with random effects of participants and scenes."""
-        plan = self.settings(study)
+        plan = self.plan(study)
         return Choices(plan, self.parts_of(plan))

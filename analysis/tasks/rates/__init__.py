@@ -7,7 +7,7 @@ the tasks of these names, `psychometric` of a table along a level.
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar, TypeVar
 
 import pandas as pd
 
@@ -31,16 +31,17 @@ from analysis.plans.rate_plan import (
     CurvePlan,
     RatePlan,
     baseline_in,
-    common_settings,
-    common_settings_of_table,
     prepared,
+    rate_plan,
+    rate_plan_of_table,
 )
-from analysis.plans.table_settings import (
-    AbxTableSettings,
-    CurveTableSettings,
-    DetectionTableSettings,
-    IdentificationTableSettings,
-    WhichHalfTableSettings,
+from analysis.plans.table_sections import (
+    AbxTableSection,
+    CurveTableSection,
+    DetectionTableSection,
+    IdentificationTableSection,
+    RateTableSection,
+    WhichHalfTableSection,
 )
 from analysis.simulations import RightAnswers, Tracks, tabulated
 from analysis.tables.table import Source, opened
@@ -75,7 +76,10 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
     )
 
 
-class RatesTask(TaskAnalysis[RatePlan]):
+S = TypeVar("S", bound=RateTableSection)
+
+
+class RatesTask(TaskAnalysis[S, RatePlan]):
     """Shares of right answers, sensitivity, levels, models: whatever the answers are."""
 
     two: ClassVar[bool] = False
@@ -84,41 +88,42 @@ class RatesTask(TaskAnalysis[RatePlan]):
     # What differs between tasks.
 
     @abstractmethod
-    def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
+    def table_answers(self, decisions: pd.DataFrame, section: S) -> tuple[str, ...]:
         """Return the answers that a table without a protocol speaks of."""
 
-    # PreferencePlan and tables.
+    # Plan and tables.
 
-    def settings(self, study: StudyProtocol) -> RatePlan:
+    def plan(self, study: StudyProtocol) -> RatePlan:
         """Return columns, values and rules of a protocol."""
-        return common_settings(study)
+        return rate_plan(study)
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatePlan:
-        """Return the plan that was told; without a protocol nothing was planned."""
-        return common_settings_of_table(decisions, name, told, self.table_answers(decisions, told))
+    def plan_of_table(self, decisions: pd.DataFrame, name: str, section: S) -> RatePlan:
+        """Return the plan of a table's own conditions; without a protocol nothing was planned."""
+        answers = self.table_answers(decisions, section)
+        return rate_plan_of_table(decisions, name, section, answers)
 
-    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
+    def read(self, table: Source, mapping: Mapping[str, str], section: S) -> pd.DataFrame:
         """Read trials: who was shown what, answered what, and was right or wrong."""
         rows = opened(table, mapping)
-        wanted = list(told.by_columns)
-        if told.interaction not in (None, told.level, *wanted):
-            wanted.append(told.interaction)
-        levels = [name for name in (told.level,) if name is not None]
+        wanted = list(section.by_columns)
+        if section.interaction is not None and section.interaction not in (section.level, *wanted):
+            wanted.append(section.interaction)
+        levels = [name for name in (section.level,) if name is not None]
         found = read_trials(rows, conditions=wanted, levels=levels, own=rows.imported, two=self.two)
         # What was mapped is there under our name; it need not be there twice.
-        renamed = rows.renamed - {*wanted, told.level}
+        renamed = rows.renamed - {*wanted, section.level}
         return as_decisions(found.drop(columns=renamed, errors="ignore"))
 
-    def table_notes(self, decisions: pd.DataFrame, settings: RatePlan) -> Sequence[str]:
+    def table_notes(self, decisions: pd.DataFrame, plan: RatePlan) -> Sequence[str]:
         """Return notes on answers below guessing, or that get worse where they should not."""
-        return odd_answers(prepared(decisions, settings), settings)
+        return odd_answers(prepared(decisions, plan), plan)
 
-    def check_table(self, path: Path, decisions: pd.DataFrame, settings: RatePlan) -> None:
+    def check_table(self, path: Path, decisions: pd.DataFrame, plan: RatePlan) -> None:
         """Refuse conditions and answers that the protocol does not have."""
-        rows = prepared(decisions, settings)
-        checked = [(settings.by_name, "condition", settings.values)] if settings.by else []
+        rows = prepared(decisions, plan)
+        checked = [(plan.by_name, "condition", plan.values)] if plan.by else []
         if "answer" in decisions:
-            checked.append(("answer", "answer", settings.answers))
+            checked.append(("answer", "answer", plan.answers))
         for name, column, known in checked:
             unknown = sorted(set(rows[column].map(name_of)) - set(known))
             if unknown:
@@ -127,41 +132,43 @@ class RatesTask(TaskAnalysis[RatePlan]):
                     f" (got {', '.join(unknown)}){did_you_mean(unknown[0], known)}"
                 )
 
-    def table(self, decisions: pd.DataFrame, settings: RatePlan) -> pd.DataFrame:
+    def table(self, decisions: pd.DataFrame, plan: RatePlan) -> pd.DataFrame:
         """Return the decisions with their condition."""
-        return prepared(decisions, settings)
+        return prepared(decisions, plan)
 
-    def parts_of(self, settings: RatePlan) -> Sequence[AnyPart]:
+    def parts_of(self, plan: RatePlan) -> Sequence[AnyPart]:
         """Return the parts; where levels were chosen from the answers, thresholds come first."""
-        return sorted(self.parts, key=lambda part: settings.adaptive and part.section != SECTION)
+        return sorted(self.parts, key=lambda part: plan.adaptive and part.section != SECTION)
 
     # Power.
 
-    def share_of(self, _settings: RatePlan) -> Callable[[Floats], Floats] | None:
+    def share_of(self, _plan: RatePlan) -> Callable[[Floats], Floats] | None:
         """Return the chance of a right answer by d'; None where answers have a criterion."""
         return None
 
     def simulation(self, study: StudyProtocol) -> RightAnswers | Tracks:
         """Return the simulation of the study's own cells, with observers of this task."""
-        plan = self.settings(study)
+        plan = self.plan(study)
         if plan.adaptive:
             return Tracks(study, plan, self.parts_of(plan))
         return RightAnswers(study, plan, self.parts_of(plan), self.share_of(plan))
 
 
-class DetectionRates(RatesTask):
+class DetectionRates(RatesTask[DetectionTableSection]):
     """Sensitivity and criterion by condition: task `yes-no`."""
 
     kind: ClassVar[str] = "detection"
-    options: ClassVar[type[Analysis]] = DetectionTableSettings
+    options: ClassVar[type[Analysis]] = DetectionTableSection
     task: ClassVar[str] = "yes-no answers"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(YesNoPart(), TypicalPart())
     two: ClassVar[bool] = True
 
-    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
+    def read(
+        self, table: Source, mapping: Mapping[str, str], section: DetectionTableSection
+    ) -> pd.DataFrame:
         """Read trials; both answers must be there, because d' needs hits and false alarms."""
         table = opened(table, mapping)
-        rows = super().read(table, {}, told)
+        rows = super().read(table, {}, section)
         if "answer" not in rows or (rows["answer"] == "").any():
             raise StudyError(
                 f"{table.path}: must have the columns expected and answer: whether answers were"
@@ -171,7 +178,9 @@ class DetectionRates(RatesTask):
             )
         return rows
 
-    def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
+    def table_answers(
+        self, decisions: pd.DataFrame, section: DetectionTableSection
+    ) -> tuple[str, ...]:
         """Return the signal's answer and the other.
 
         Raises
@@ -179,7 +188,7 @@ class DetectionRates(RatesTask):
         StudyError
             If the table does not speak of two answers, one of them the signal's.
         """
-        signal = told.signal
+        signal = section.signal
         found = sorted({*decisions["expected"].map(str), *decisions["answer"].map(str)})
         if signal not in found or len(found) > 2:
             raise StudyError(
@@ -201,15 +210,17 @@ def _discriminated(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
     )
 
 
-class IdentificationRates(RatesTask):
+class IdentificationRates(RatesTask[IdentificationTableSection]):
     """Shares of right answers and d' by condition: task `identification`."""
 
     kind: ClassVar[str] = "identification"
-    options: ClassVar[type[Analysis]] = IdentificationTableSettings
+    options: ClassVar[type[Analysis]] = IdentificationTableSection
     task: ClassVar[str] = "identifications"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(DiscriminationPart(_discriminated))
 
-    def table_answers(self, decisions: pd.DataFrame, told: Any) -> tuple[str, ...]:
+    def table_answers(
+        self, decisions: pd.DataFrame, section: IdentificationTableSection
+    ) -> tuple[str, ...]:
         """Return the answers, or numbers in their place where the table does not name all.
 
         Raises
@@ -220,25 +231,25 @@ class IdentificationRates(RatesTask):
         found: list[str] = []
         if {"expected", "answer"} <= set(decisions.columns):
             found = sorted({*decisions["expected"].map(str), *decisions["answer"].map(str)} - {""})
-        count = told.alternatives or len(found)
+        count = section.alternatives or len(found)
         if count < max(2, len(found)):
             raise StudyError(
                 "--set alternatives: must say how many answers there were to choose from (got"
-                f" {told.alternatives or 'nothing'}; the columns expected and answer hold"
+                f" {section.alternatives or 'nothing'}; the columns expected and answer hold"
                 f" {len(found)}: {', '.join(found[:8]) or 'none'})"
             )
         return (*found, *(f"answer {number + 1}" for number in range(len(found), count)))
 
-    def share_of(self, settings: RatePlan) -> Callable[[Floats], Floats]:
+    def share_of(self, plan: RatePlan) -> Callable[[Floats], Floats]:
         """Return the chance of picking the right one of m by d'."""
-        return tabulated(settings.answer_rule.share)
+        return tabulated(plan.answer_rule.share)
 
 
-class AbxRates(RatesTask):
+class AbxRates(RatesTask[RateTableSection]):
     """Shares of right answers, d' and d' against the level: task `abx`."""
 
     kind: ClassVar[str] = "abx"
-    options: ClassVar[type[Analysis]] = AbxTableSettings
+    options: ClassVar[type[Analysis]] = AbxTableSection
     task: ClassVar[str] = "ABX answers"
     parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(
         DiscriminationPart(_discriminated, sides=True), levels=(CriticalPart(),)
@@ -246,7 +257,7 @@ class AbxRates(RatesTask):
     named: ClassVar[tuple[str, str]] = ("a", "b")
     """The task's answers."""
 
-    def table_answers(self, decisions: pd.DataFrame, _told: Any) -> tuple[str, ...]:
+    def table_answers(self, decisions: pd.DataFrame, _section: RateTableSection) -> tuple[str, ...]:
         """Return the two answers: as the table names them, if it does."""
         if "answer" in decisions:
             found = tuple(sorted(set(decisions["answer"].map(str)) - {""}))
@@ -254,26 +265,26 @@ class AbxRates(RatesTask):
                 return found
         return self.named
 
-    def share_of(self, settings: RatePlan) -> Callable[[Floats], Floats]:
+    def share_of(self, plan: RatePlan) -> Callable[[Floats], Floats]:
         """Return the chance of a right answer by d', by the study's decision rule."""
-        return tabulated(settings.answer_rule.share)
+        return tabulated(plan.answer_rule.share)
 
 
 class WhichHalfRates(AbxRates):
     """The same of halves that change: task `which-half`."""
 
     kind: ClassVar[str] = "which-half"
-    options: ClassVar[type[Analysis]] = WhichHalfTableSettings
+    options: ClassVar[type[Analysis]] = WhichHalfTableSection
     task: ClassVar[str] = "answers which half had changed"
     named: ClassVar[tuple[str, str]] = ("left", "right")
 
 
-class TableOfLevels(RatesTask):
+class TableOfLevels(RatesTask[CurveTableSection]):
     """Psychometric functions of each person and of all people."""
 
     kind: ClassVar[str] = "psychometric"
     task: ClassVar[str] = "answers"
-    options: ClassVar[type[Analysis]] = CurveTableSettings
+    options: ClassVar[type[Analysis]] = CurveTableSection
     parts: ClassVar[tuple[AnyPart, ...]] = (
         CurvesPart(),
         ThresholdsPart(),
@@ -281,36 +292,44 @@ class TableOfLevels(RatesTask):
         OwnCurvesPart(),
     )
 
-    def table_answers(self, _decisions: pd.DataFrame, _told: Any) -> tuple[str, ...]:
+    def table_answers(
+        self, _decisions: pd.DataFrame, _section: CurveTableSection
+    ) -> tuple[str, ...]:
         """Return names for right and wrong answers: their number is not asked for."""
         return ("right", "wrong")
 
-    def settings_of_table(self, decisions: pd.DataFrame, name: str, told: Any) -> RatePlan:
-        """Return the plan that was told; without `by` all answers are of one condition."""
-        if not told.by:
+    def plan_of_table(
+        self, decisions: pd.DataFrame, name: str, section: CurveTableSection
+    ) -> RatePlan:
+        """Return the plan of the table; without `by` all answers are of one condition."""
+        if not section.by:
             decisions = decisions.drop(columns="method", errors="ignore")
-        answers = self.table_answers(decisions, told)
-        return common_settings_of_table(decisions, name, told, answers, CurvePlan)
+        answers = self.table_answers(decisions, section)
+        return rate_plan_of_table(decisions, name, section, answers, CurvePlan)
 
-    def read(self, table: Source, mapping: Mapping[str, str], told: Any) -> pd.DataFrame:
+    def read(
+        self, table: Source, mapping: Mapping[str, str], section: CurveTableSection
+    ) -> pd.DataFrame:
         """Read trials; refuse levels along which no psychometric function can run."""
         table = opened(table, mapping)
-        if told.level is None:
+        if section.level is None:
             raise StudyError(f"{table.path}: --set level must name the column of levels")
-        rows = super().read(table, {}, told)
-        levels = rows[told.level]
-        if (told.log or told.shape == "weibull") and bool((levels <= 0).any()):
+        rows = super().read(table, {}, section)
+        levels = rows[section.level]
+        if (section.log or section.shape == "weibull") and bool((levels <= 0).any()):
             raise StudyError(
-                f"{table.path}: {told.level} must be above 0 in every row to have a logarithm"
+                f"{table.path}: {section.level} must be above 0 in every row to have a logarithm"
                 f" (least: {levels.min():g}); leave the others out with --where"
-                f" '{told.level}>0', or leave --log away"
+                f" '{section.level}>0', or leave --log away"
             )
         if levels.nunique() < 2:
-            raise StudyError(f"{table.path}: {told.level} must hold two levels or more (found 1)")
-        if mistake := curve_mistake(rows, told.level, told.guess, falling=told.falling):
+            raise StudyError(
+                f"{table.path}: {section.level} must hold two levels or more (found 1)"
+            )
+        if mistake := curve_mistake(rows, section.level, section.guess, falling=section.falling):
             raise StudyError(f"{table.path}: {mistake}")
         return rows
 
-    def table_notes(self, _decisions: pd.DataFrame, _settings: RatePlan) -> Sequence[str]:
+    def table_notes(self, _decisions: pd.DataFrame, _plan: RatePlan) -> Sequence[str]:
         """Return nothing: mistakes were refused."""
         return ()

@@ -17,7 +17,7 @@ from analysis.models.contrasts import Difference
 from analysis.models.second_factor import jod_interactions, share_interactions
 from analysis.parts.interaction import Interaction, Interactions, PreferenceInteraction
 from analysis.parts.preferences import PreferencesPart
-from analysis.plans.table_settings import PreferenceTableSettings
+from analysis.plans.table_sections import PreferenceTableSection
 from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
@@ -189,7 +189,7 @@ def test_few_people_and_many_values_are_said_to_show_no_change(rng):
         more = rows.assign(participant=rows["participant"] + 6)
         table = pd.concat([rows, more][: people // 6], ignore_index=True)
         told = analysis.options(alternatives=2, interaction="gap")
-        plan = analysis.settings_of_table(table, "table", told)
+        plan = analysis.plan_of_table(table, "table", told)
         (part,) = (one for one in analysis.parts if one.name == "interaction")
         notes = part.compute(analysis.table(table, plan), plan, {}, rng).notes
         assert any("none of 6 changes with gap can be significant" in one for one in notes) == said
@@ -203,7 +203,7 @@ def test_a_study_plans_it_and_preregisters_it(tmp_path):
     study = load_protocol(file)
 
     assert study.sha256 != load_protocol(Path("demo")).sha256
-    assert analysis_of("preference").settings(study).interaction == "size"
+    assert analysis_of("preference").plan(study).interaction == "size"
     said = " ".join(study.analysis.plain_sentences(study.task, study.pool))
     assert "whether the preference of metameric over push-pull differs between sizes" in said
     file.write_text(shipped.replace('\nkind = "preference"\n',
@@ -217,8 +217,8 @@ def test_a_box_that_leaves_planned_changes_out_says_how_many():
         [("P1", "s", size, "ours", "blur", "ours") for size in "abcd"],
         columns=["participant", "scene", "size", "first", "second", "chosen"],
     )
-    plan = analysis_of("preference").settings_of_table(
-        rows, "rows", PreferenceTableSettings(interaction="size")
+    plan = analysis_of("preference").plan_of_table(
+        rows, "rows", PreferenceTableSection(interaction="size")
     )
     changes = tuple(
         Interaction(
@@ -239,8 +239,8 @@ def test_planned_changes_are_adjusted_by_themselves_in_table_and_sentences_too(r
     rows = [pairs(rng, people=7, scenes=3)]
     rows += [rows[0].replace("blur", name) for name in ("none", "most")]
     table = pd.concat(rows, ignore_index=True)
-    settings = PreferenceTableSettings(interaction="size", primary="ours/blur")
-    plan = analysis_of("preference").settings_of_table(table, "rows", settings)
+    settings = PreferenceTableSection(interaction="size", primary="ours/blur")
+    plan = analysis_of("preference").plan_of_table(table, "rows", settings)
     found = PreferenceInteraction().compute(decided(table), plan, {}, np.random.default_rng(0))
     planned, *others = found.shares
 
@@ -258,8 +258,8 @@ def test_groups_of_people_at_one_size_each_are_counted_together(rng):
     table = decided(pairs(rng, people=10, large=4.0))
     late = table["participant"] >= "P5"
     table = table[late == (table["size"] == "large")].reset_index(drop=True)
-    plan = analysis_of("preference").settings_of_table(
-        table, "rows", PreferenceTableSettings(interaction="size", primary="ours/blur")
+    plan = analysis_of("preference").plan_of_table(
+        table, "rows", PreferenceTableSection(interaction="size", primary="ours/blur")
     )
     found = PreferenceInteraction().compute(table, plan, {}, np.random.default_rng(0))
     shares = PreferencesPart().of(table, plan)

@@ -14,8 +14,8 @@ from analysis.models.mixed.marginal_means import margins
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import rating_model
 from analysis.parts.right_models import ModelsPart
-from analysis.plans.rate_plan import common_settings_of_table, prepared
-from analysis.plans.table_settings import IdentificationTableSettings, TimeTableSettings
+from analysis.plans.rate_plan import prepared, rate_plan_of_table
+from analysis.plans.table_sections import IdentificationTableSection, TimeTableSection
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from protocols.errors import StudyError
@@ -59,10 +59,10 @@ def test_likelihood_ratios_means_and_contrasts_of_ratings_are_ordinals(trials):
 
 def test_marginal_means_of_right_answers_are_glmmtmbs_at_the_mean_level():
     rows = pd.read_csv(ORACLES / "by_scene.csv").assign(method=lambda d: d["cond"])
-    told = IdentificationTableSettings(
+    told = IdentificationTableSection(
         by="method", level="level", alternatives=2, contrasts={"gap": {"b": 1, "a": -1}}
     )
-    plan = common_settings_of_table(rows, "table", told, ("yes", "no"))
+    plan = rate_plan_of_table(rows, "table", told, ("yes", "no"))
     found = ModelsPart().of(prepared(rows, plan), plan)
 
     means, (gap,) = found.margins.means, found.margins.contrasts
@@ -122,12 +122,12 @@ def test_contrasts_that_are_none_are_refused(weights, said, trials):
     told = options_from("reaction", {"by": "cond", "contrasts.x": weights})
 
     with pytest.raises(StudyError, match=r"--set contrasts\.x: must") as refused:
-        analysis.settings_of_table(trials, "table", told)
+        analysis.plan_of_table(trials, "table", told)
     assert said in str(refused.value)
 
 
 def test_weights_are_fractions_or_numbers_of_conditions_with_commas():
     told = options_from("reaction", {"contrasts.x": "one, two=1, three=-1/2,four=-.5"})
 
-    assert isinstance(told, TimeTableSettings)
+    assert isinstance(told, TimeTableSection)
     assert told.contrasts == {"x": {"one, two": 1.0, "three": -0.5, "four": -0.5}}

@@ -39,7 +39,7 @@ def made_up(rng, *, people=40, scenes=16, repeats=4, sd=0.6, scene_sd=0.4, crite
 def deviations(kind, rows, **options):
     analysis = analysis_of(kind)
     given = analysis.options(by="method", **options)
-    settings = analysis.settings_of_table(rows, "pilot", given)
+    settings = analysis.plan_of_table(rows, "pilot", given)
     return sensitivity_deviations(rows, settings, analysis.share_of(settings))
 
 
@@ -94,7 +94,7 @@ def test_thresholds_differ_as_shares_of_the_range_of_levels(rng):
     )
     analysis = analysis_of("identification")
     options = analysis.options(by="method", level="level", alternatives=2)
-    settings = analysis.settings_of_table(rows, "pilot", options)
+    settings = analysis.plan_of_table(rows, "pilot", options)
 
     values, notes = threshold_deviations(rows, settings, span=10.0)
     sigmas = (ndtri(0.95) - ndtri(0.05)) * 1.2 / 10.0  # from 5 to 95 % of the rise

@@ -14,6 +14,7 @@ from analysis.parts import Part, computed
 from analysis.parts.interaction import PreferenceInteraction
 from analysis.parts.shared import planned_family
 from analysis.plans.rate_plan import RatePlan
+from analysis.plans.table_sections import CurveTableSection
 from analysis.showable import FamilyOfTests
 from analysis.simulations import Choices
 from analysis.tasks import KINDS, analysis_of, planning_notes
@@ -85,7 +86,7 @@ def test_each_part_that_plans_a_test_names_its_families(kind):
 def test_changes_with_size_that_can_never_be_significant_are_said_in_every_text(tmp_path):
     """Seven people show no p below 2/2^7 = .0156; Holm times 2 pairings x 3 pairs of sizes: .09."""
     sizes = ("s", "m", "l")
-    plan = analysis_of("preference").settings(load_protocol(Path("inpainting-2afc")))
+    plan = analysis_of("preference").plan(load_protocol(Path("inpainting-2afc")))
     scenes = plan.comparisons[0].scenes
     several = [replace(one, size=size, scenes=scenes) for one in plan.comparisons[:3]
                for size in sizes]  # fmt: skip
@@ -117,7 +118,7 @@ def test_changes_with_size_that_can_never_be_significant_are_said_in_every_text(
 
 def test_p_of_people_who_all_agree_is_the_least_that_planning_promises(rng):
     """Of nine pairs of methods and sizes, nobody wavers: every p is the floor, none is below it."""
-    plan = analysis_of("preference").settings(load_protocol(Path("inpainting-2afc")))
+    plan = analysis_of("preference").plan(load_protocol(Path("inpainting-2afc")))
     simulation = Choices(plan.but(interaction="size"), analysis_of("preference").parts)
     sure = {"rate": 0.99, "participant_sd": 0.0, "scene_sd": 0.0, "interaction": 0.0}
     assumed = {one.name: one.value for one in simulation.assumptions} | sure
@@ -138,7 +139,7 @@ def test_p_of_people_who_all_agree_is_the_least_that_planning_promises(rng):
 @pytest.mark.parametrize("large", [3, 4])
 def test_scenes_of_one_size_alone_hold_changes_in_jod(large, rng):
     """As few scenes are drawn as people are: of three no p is below 2/2^3 = .25."""
-    plan = analysis_of("preference").settings(load_protocol(Path("inpainting-2afc")))
+    plan = analysis_of("preference").plan(load_protocol(Path("inpainting-2afc")))
     one = plan.comparisons[0]
     scenes = {"small": "abcde", "large": "vwxyz"[:large]}
     apart = tuple(replace(one, size=size, scenes=tuple(names)) for size, names in scenes.items())
@@ -175,7 +176,9 @@ def test_changes_of_right_answers_are_warned_of_at_planning(tmp_path):
 
 def test_a_test_against_chance_needs_fewer_people_where_guessing_is_rarer():
     """Four alternatives: three people who are right by chance are a matter of 2/4^3 = .031."""
-    of = {n: planned_family(0, RatePlan.model_construct(alternatives=n)) for n in (2, 4)}
+    facts = {"study": "", "title": "", "values": (), "answers": (), "labels": {}, "guess": None}
+    plan = RatePlan(section=CurveTableSection(), alternatives=2, **facts)
+    of = {n: planned_family(0, plan.but(alternatives=n)) for n in (2, 4)}
 
     assert [len(of[4].hopeless(3, alpha)) for alpha in (2 * 0.25**3, 0.032)] == [1, 0]
     assert [len(of[4].hopeless(people, 0.05)) for people in (2, 3)] == [1, 0]
@@ -224,5 +227,5 @@ def test_a_study_of_ratings_tests_times_only_where_it_says_so(tmp_path):
     for reaction in ("summary", "models"):
         planned = planned_by(study, reaction=reaction)
         nouns = [one.noun for one in analysis.families(planned)]
-        assert analysis.settings(planned).reaction == reaction
+        assert analysis.plan(planned).reaction == reaction
         assert ("ratio" in " ".join(nouns)) == (reaction == "models")

@@ -13,7 +13,8 @@ from scipy.special import expit
 from analysis.models.clustered import two_way, two_way_of_first
 from analysis.parts.preferences import PreferencesPart
 from analysis.pilot import preference_deviations
-from analysis.plans.preference_plan import PreferencePlan, from_decisions, from_protocol
+from analysis.plans.preference_plan import PreferencePlan, preference_plan, preference_plan_of_table
+from analysis.plans.table_sections import PreferenceTableSection
 from analysis.power import default_participants, power
 from analysis.simulations import Choices, mean_logit
 from protocols.errors import StudyError
@@ -24,7 +25,7 @@ SCENES = tuple(f"s{i}" for i in range(6))
 @pytest.fixture(scope="module")
 def settings(demo_protocol) -> PreferencePlan:
     """The demonstration study with six scenes and eleven people, as the paper's."""
-    found = from_protocol(demo_protocol)
+    found = preference_plan(demo_protocol)
     wide = tuple(replace(entry, scenes=SCENES) for entry in found.comparisons)
     return found.but(comparisons=wide, planned_participants=11)
 
@@ -167,7 +168,7 @@ def test_the_same_seed_gives_the_same_curve(settings):
 
 
 def test_few_scenes_are_flagged(demo_protocol, rng):
-    curve = curve_of(from_protocol(demo_protocol), rng, [4], rate=0.6, studies=100)
+    curve = curve_of(preference_plan(demo_protocol), rng, [4], rate=0.6, studies=100)
 
     assert "two scenes show hardly anything about further ones" in curve.warnings[0]
 
@@ -195,7 +196,7 @@ def test_impossible_assumptions_are_refused(settings, make_decisions, rng):
     with pytest.raises(ValueError, match="at least 2"):
         curve_of(settings, rng, [1])
     with pytest.raises(ValueError, match="declare comparisons"):
-        curve_of(from_decisions(make_decisions(), "x"), rng)
+        curve_of(preference_plan_of_table(make_decisions(), "x", PreferenceTableSection()), rng)
 
 
 def test_curves_reach_past_the_plan():

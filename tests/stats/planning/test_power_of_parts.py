@@ -19,7 +19,7 @@ from analysis.parts.ratings import RatingsPart
 from analysis.pilot import rating_deviations
 from analysis.plans.preference_plan import Comparison
 from analysis.plans.rating_plan import RatingPlan
-from analysis.plans.table_settings import RatingTableSettings
+from analysis.plans.table_sections import RatingTableSection
 from analysis.power import planned_p_values, power
 from analysis.simulations import Choices, RatedSteps
 from analysis.tasks import analysis_of
@@ -154,7 +154,7 @@ class Never(Sides):
 def test_a_part_that_knows_tables_only_has_the_power_that_can_be_counted(rng):
     """One decision each: a sign test of people whose power is a sum of binomial chances."""
     study = preferences_of(pairs=1, scenes=2, repeats=1, participants=12)
-    plan = analysis_of("preference").settings(study)
+    plan = analysis_of("preference").plan(study)
     one_scene = replace(plan.comparisons[0], scenes=("a",))
     simulation = Choices(plan.but(comparisons=(one_scene,)), (Sides(),))
     assumed = {"rate": 0.8, "participant_sd": 0.0, "scene_sd": 0.0}
@@ -203,8 +203,8 @@ def rated():
         study=study.study,
     )
     scale = ("bad", "poor", "fair", "good")
-    asked = RatingTableSettings(by="method", baseline="blur", scale=scale)
-    plan = RatingPlan.of(asked, study="s", title="s", reaction="models")
+    asked = RatingTableSection(by="method", baseline="blur", scale=scale)
+    plan = RatingPlan(section=asked, study="s", title="s", scale=asked.scale)
     return RatedSteps(told, plan, (RatingsPart(),))
 
 

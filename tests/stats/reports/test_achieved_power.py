@@ -9,8 +9,8 @@ from analysis.models.clustered import two_way
 from analysis.models.preference import preference
 from analysis.parts import computed
 from analysis.parts.achieved_power import AchievedPowerPart, _power
-from analysis.plans.preference_plan import from_decisions
-from analysis.plans.table_settings import PreferenceTableSettings
+from analysis.plans.preference_plan import preference_plan_of_table
+from analysis.plans.table_sections import PreferenceTableSection
 
 
 def decisions(rng, *, people=9, scenes=5, repeats=3, shares=None):
@@ -26,7 +26,9 @@ def decisions(rng, *, people=9, scenes=5, repeats=3, shares=None):
 
 
 def found_of(table, **options):
-    plan = from_decisions(table, "made up", PreferenceTableSettings(primary="ours/blur", **options))
+    plan = preference_plan_of_table(
+        table, "made up", PreferenceTableSection(primary="ours/blur", **options)
+    )
     found, notes = computed([AchievedPowerPart()], table, plan)
     assert notes == ()
     return found.get("achieved_power"), plan
@@ -54,5 +56,5 @@ def test_jod_are_normal_quantiles_and_power_is_that_of_t(rng):
 def test_two_people_or_no_primary_comparison_have_no_power(rng):
     table = decisions(rng, people=2)
     assert found_of(table)[0] is None
-    plan = from_decisions(table, "made up", PreferenceTableSettings())
+    plan = preference_plan_of_table(table, "made up", PreferenceTableSection())
     assert computed([AchievedPowerPart()], decisions(rng), plan)[0] == {}

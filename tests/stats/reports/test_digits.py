@@ -12,9 +12,10 @@ from analysis.models.mixed.deviations import Deviation
 from analysis.parts.random_effects import ModelEffects, RandomEffectResults, TimeEffects
 from analysis.parts.shared import apa_difference
 from analysis.parts.times import TimesPart
-from analysis.plans.rate_plan import RatePlan
+from analysis.plans.table_sections import TimeTableSection
 from analysis.plots import psychometric_plot
 from analysis.report.wording import number, number_range, size, size_range
+from analysis.tasks.time_tables import TimesPlan
 
 
 @pytest.mark.parametrize(
@@ -68,8 +69,7 @@ def ends_alike(text):
 def test_sentences_print_value_and_limits_to_one_digit(ends):
     middle = sum(ends) / 2
     level = Deviation("residual", middle, *ends, 0.1)
-    plan = RatePlan(kind="", study="", title="", values=(), answers=(), alternatives=2, labels={},
-                    guess=0.5)  # fmt: skip
+    plan = TimesPlan(section=TimeTableSection(), study="", title="")
     effects = RandomEffectResults((ModelEffects("", (level,)),), ())
     (deviation,) = TimeEffects(TimesPart()).show(effects, plan).sentences
 

@@ -9,7 +9,8 @@ import pytest
 from analysis.parts import computed
 from analysis.parts.choice_models import ChoiceModels, ChoiceModelsPart
 from analysis.parts.preferences import PreferencesPart
-from analysis.plans.preference_plan import from_decisions
+from analysis.plans.preference_plan import preference_plan_of_table
+from analysis.plans.table_sections import PreferenceTableSection
 from protocols.blocks import TableBlock
 
 
@@ -24,7 +25,7 @@ def analysed(make_decisions) -> tuple[ChoiceModels, list[TableBlock]]:
     rows = pd.concat([table, divided], ignore_index=True)
     rows["rejected"] = np.where(rows["chosen"] == rows["first"], rows["second"], rows["first"])
     rows["chose_first"] = (rows["chosen"] == rows["first"]).astype(int)
-    settings = from_decisions(rows, "odd")
+    settings = preference_plan_of_table(rows, "odd", PreferenceTableSection())
     part = ChoiceModelsPart()
     found, _ = computed((PreferencesPart(), part), rows, settings)
     models = found[part.name]

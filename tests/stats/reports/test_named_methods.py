@@ -13,8 +13,8 @@ from typer.testing import CliRunner, Result
 
 from analysis.models.preference import preferences
 from analysis.parts import computed
-from analysis.plans.preference_plan import from_decisions
-from analysis.plans.table_settings import PreferenceTableSettings
+from analysis.plans.preference_plan import preference_plan_of_table
+from analysis.plans.table_sections import PreferenceTableSection
 from analysis.plots.preference_plots import forest_plot
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
@@ -47,11 +47,11 @@ def choices() -> pd.DataFrame:
 def decisions(choices, tmp_path_factory) -> pd.DataFrame:
     file = tmp_path_factory.mktemp("choices") / "choices.csv"
     choices.to_csv(file, index=False)
-    return analysis_of("preference").read(file, {}, PreferenceTableSettings())
+    return analysis_of("preference").read(file, {}, PreferenceTableSection())
 
 
 def settings(decisions: pd.DataFrame, **texts: str):
-    return from_decisions(decisions, "table", options_from("preference", texts))
+    return preference_plan_of_table(decisions, "table", options_from("preference", texts))
 
 
 def test_the_primary_comparison_leads_and_its_method_is_counted(decisions):
@@ -122,16 +122,14 @@ def test_a_table_of_answers_takes_order_and_labels():
     table = pd.DataFrame({"participant": "P", "method": ["a", "b", "c"] * 2, "correct": [1, 0] * 3})
     analysis = analysis_of("identification")
     texts = {"alternatives": "2", "order": "c,b", "label.c": "Ours", "baseline": "b"}
-    asked = analysis.settings_of_table(table, "t", options_from("identification", texts))
+    asked = analysis.plan_of_table(table, "t", options_from("identification", texts))
 
     assert asked.values == ("b", "c", "a")
     assert asked.label("c") == "Ours"
     with pytest.raises(
         StudyError, match=r"--set order: must name conditions of the table .a, b, c"
     ):
-        analysis.settings_of_table(
-            table, "t", options_from("identification", texts | {"order": "d"})
-        )
+        analysis.plan_of_table(table, "t", options_from("identification", texts | {"order": "d"}))
 
 
 def test_a_table_without_sizes_speaks_of_none(decisions):

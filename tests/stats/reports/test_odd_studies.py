@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 
 from analysis.parts import computed
-from analysis.plans.preference_plan import from_decisions
+from analysis.plans.preference_plan import preference_plan_of_table
+from analysis.plans.table_sections import PreferenceTableSection
 from analysis.tasks.preference import PreferenceOfPairs
 
 
@@ -93,7 +94,11 @@ def test_every_number_of_an_odd_study_is_finite(seed, proof_count, monkeypatch):
         table = odd_study(seed + 20 * number)
         if table.empty:
             continue
-        found, notes = computed(PreferenceOfPairs.parts, table, from_decisions(table, "odd"))
+        found, notes = computed(
+            PreferenceOfPairs.parts,
+            table,
+            preference_plan_of_table(table, "odd", PreferenceTableSection()),
+        )
         assert list(not_finite(found)) == []
         assert notes == ()
         for cell in found["preferences"].table.cells:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.parts.ratings import RatingsPart
-from analysis.plans.table_settings import RatingTableSettings
+from analysis.plans.table_sections import RatingTableSection
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from protocols.errors import StudyError
@@ -92,8 +92,8 @@ def test_the_page_shows_places_comparisons_people_and_times(votes, imported):
 def test_the_likelihood_ratio_that_stands_first_decides(votes, rng):
     """Of the clearest comparison, how many differ, the main numbers and the planned test."""
     rows = votes.rename(columns={"who": "participant", "vote": "rating"})
-    plan = analysis_of("ratings").settings_of_table(
-        rows, "table", RatingTableSettings(by="method", scale=SCALE, baseline="blur")
+    plan = analysis_of("ratings").plan_of_table(
+        rows, "table", RatingTableSection(by="method", scale=SCALE, baseline="blur")
     )
     part = RatingsPart()
     found = part.compute(rows, plan, {}, rng)
@@ -171,7 +171,7 @@ def test_a_baseline_that_nobody_rated_is_named(votes, tmp_path):
     options = analysis.options(by="method", baseline="blurr", scale=",".join(SCALE))
 
     with pytest.raises(StudyError, match=r"baseline=blurr.*did you mean 'blur'"):
-        analysis.settings_of_table(analysis.read(file, {}, options), "votes", options)
+        analysis.plan_of_table(analysis.read(file, {}, options), "votes", options)
 
 
 @pytest.mark.slow
@@ -197,7 +197,7 @@ def test_a_slider_is_told_by_quartiles_and_drawn_whole():
     rng = np.random.default_rng(2)
     rows = pd.DataFrame(product(range(6), "AB", range(6)), columns=["participant", "method", "n"])
     rows["rating"] = rng.permutation(100)[: len(rows)]
-    plan = analysis_of("ratings").settings_of_table(rows, "rows", RatingTableSettings(by="method"))
+    plan = analysis_of("ratings").plan_of_table(rows, "rows", RatingTableSection(by="method"))
     shown = RatingsPart().show(RatingsPart().of(rows, plan), plan)
     (places,) = (one for one in shown.blocks if "Places" in getattr(one, "caption", ""))
     people = shown.further[0].blocks[0]

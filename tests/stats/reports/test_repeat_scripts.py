@@ -25,7 +25,7 @@ from analysis.models.mixed.inference import Inference
 from analysis.models.mixed.reaction_model import time_model
 from analysis.parts.levels import CurvesPart
 from analysis.parts.times import Times, TimesPart
-from analysis.plans.table_settings import CurveTableSettings, TimeTableSettings
+from analysis.plans.table_sections import CurveTableSection, TimeTableSection
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
@@ -288,9 +288,7 @@ def test_a_curve_between_two_levels_is_as_likely_at_the_threshold_of_the_report(
         [(f"P{k % 4}", x, int(k < right)) for x, right, shown in counts for k in range(shown)],
         columns=["participant", "level", "correct"],
     )
-    plan = analysis_of("psychometric").settings_of_table(
-        rows, "rows", CurveTableSettings(level="level")
-    )
+    plan = analysis_of("psychometric").plan_of_table(rows, "rows", CurveTableSection(level="level"))
     rows = rows.assign(condition="all")
     shown = CurvesPart().show(CurvesPart().of(rows, plan), plan)
     script = tmp_path / "scripts" / f"curves.{language}"
@@ -324,7 +322,7 @@ def test_times_that_nobody_and_no_scene_varies_in_have_scripts(rng):
     model = time_model(rows, ("method",), inference=Inference(profile=True))
     flat = replace(model, participant_sd=0.0, interaction_sd=0.0, scene_sd=0.0,
                    scene_interaction_sd=0.0)  # fmt: skip
-    plan = analysis_of("reaction").settings_of_table(rows, "rows", TimeTableSettings(by="method"))
+    plan = analysis_of("reaction").plan_of_table(rows, "rows", TimeTableSection(by="method"))
     found = Times((), {}, flat, ())
 
     assert {*TimesPart().show(found, plan).scripts} == {"times.R", "times.py"}

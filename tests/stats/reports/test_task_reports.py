@@ -362,7 +362,7 @@ def analysed(kind: str, trials: pd.DataFrame, folder: Path, **options: object):
     trials.to_csv(folder / "t.csv", index=False)
     chosen = analysis.options(**options)
     rows = analysis.read(folder / "t.csv", {}, chosen)
-    settings = analysis.settings_of_table(rows, "t", chosen)
+    settings = analysis.plan_of_table(rows, "t", chosen)
     return settings, computed(analysis.parts, analysis.table(rows, settings), settings)[0]
 
 

@@ -11,7 +11,7 @@ from undrawn_reports import undrawn
 
 from analysis.models.preference import preferences
 from analysis.parts import Estimate, estimates_of
-from analysis.plans.table_settings import DetectionTableSettings, IdentificationTableSettings
+from analysis.plans.table_sections import DetectionTableSection, IdentificationTableSection
 from analysis.report.exclusion_comparison import ExclusionComparison, beside, beside_blocks
 from analysis.report.report_source import from_sessions
 from analysis.report.write_report import report_sessions
@@ -44,7 +44,7 @@ def test_both_columns_are_the_statistics_of_their_own_decisions(journals, strict
     assert found is not None
     main = source.tidy.decisions.query("kind == 'main'")
     assert 0 < found.left_out == len(main) - len(source.decisions) < len(main)
-    settings = source.settings
+    settings = source.plan
     for decisions, column in ((main, found.every), (source.decisions, found.kept)):
         cells = preferences(
             decisions.reset_index(drop=True), pairings=settings.pairings, sizes=settings.sizes,
@@ -105,10 +105,10 @@ def _answers(share: float, people: int = 6) -> pd.DataFrame:
 def test_yes_no_tasks_give_d_prime_and_others_shares():
     rows = _answers(0.8)
     detection = DetectionRates()
-    settings = detection.settings_of_table(rows, "t", DetectionTableSettings(by="method"))
+    settings = detection.plan_of_table(rows, "t", DetectionTableSection(by="method"))
     identification = IdentificationRates()
-    other = identification.settings_of_table(
-        rows, "t", IdentificationTableSettings(by="method", alternatives=2)
+    other = identification.plan_of_table(
+        rows, "t", IdentificationTableSection(by="method", alternatives=2)
     )
 
     found = [

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from analysis.parts import computed, estimates_of
-from analysis.plans.preference_plan import from_protocol
-from analysis.plans.table_settings import PreferenceTableSettings
+from analysis.plans.preference_plan import preference_plan
+from analysis.plans.table_sections import PreferenceTableSection
 from analysis.plots.preference_plots import jod_plot
 from analysis.report.values import as_json
 from analysis.tasks import analysis_of
@@ -20,7 +20,7 @@ from analysis.tasks.preference import PreferenceOfPairs
 from protocols.blocks import TableBlock
 from protocols.load import load_protocol
 
-PLAN = from_protocol(load_protocol(Path("beyond-blur-preference")))
+PLAN = preference_plan(load_protocol(Path("beyond-blur-preference")))
 BESIDE_NOTHING = re.compile(
     r"[,/(:]\s*$|^\s*[,:/]|[,:]\s*[,:;]|\bat\s*(?:[:,;]|\.(?!\d)|$)|\(\s*\)"
 )
@@ -34,7 +34,7 @@ def table_of(folder: Path, people: int, scenes: int) -> pd.DataFrame:
             row = f"P{person}", f"s{scene}", first, second, second if better else first
             rows.append(",".join((*row, f"{0.8 + rng.random():.3f}")))
     (folder / "choices.csv").write_text("\n".join(rows) + "\n")
-    read = analysis_of("preference").read(folder / "choices.csv", {}, PreferenceTableSettings())
+    read = analysis_of("preference").read(folder / "choices.csv", {}, PreferenceTableSection())
     return read.assign(size="")  # as in tables of sessions
 
 

@@ -78,7 +78,7 @@ class ConditionNames(Model):
         return sorted(names, key=lambda name: (*self.order, name).index(name))
 
 
-class PreferenceTableSettings(Preferences, ConditionNames):
+class PreferenceTableSection(Preferences, ConditionNames):
     """Options of a table of preferences."""
 
     kind: Literal["preference"] = "preference"
@@ -91,7 +91,7 @@ class PreferenceTableSettings(Preferences, ConditionNames):
     """The method that others are compared with. Default: all."""
 
 
-class RateTableSettings(RatesAnalysis, ConditionNames):
+class RateTableSection(RatesAnalysis, ConditionNames):
     """Options of a table of right and wrong answers."""
 
     by: str | tuple[str, ...] = ""
@@ -106,7 +106,7 @@ class RateTableSettings(RatesAnalysis, ConditionNames):
     """Shape of the curve: gauss, logistic, or weibull where levels are above 0."""
 
 
-class DetectionTableSettings(RateTableSettings, DetectionAnalysis):
+class DetectionTableSection(RateTableSection, DetectionAnalysis):
     """Options of a table of a yes-no task."""
 
     kind: Literal["detection"] = "detection"
@@ -114,7 +114,7 @@ class DetectionTableSettings(RateTableSettings, DetectionAnalysis):
     """The answer that is right where the signal is, as the table writes it."""
 
 
-class IdentificationTableSettings(RateTableSettings, IdentificationAnalysis):
+class IdentificationTableSection(RateTableSection, IdentificationAnalysis):
     """Options of a table of identifications."""
 
     kind: Literal["identification"] = "identification"
@@ -122,19 +122,19 @@ class IdentificationTableSettings(RateTableSettings, IdentificationAnalysis):
     """Number of answers. Default: as many as the columns expected and answer hold."""
 
 
-class AbxTableSettings(RateTableSettings, AbxAnalysis):
+class AbxTableSection(RateTableSection, AbxAnalysis):
     """Options of a table of an ABX task."""
 
     kind: Literal["abx"] = "abx"
 
 
-class WhichHalfTableSettings(RateTableSettings, WhichHalfAnalysis):
+class WhichHalfTableSection(RateTableSection, WhichHalfAnalysis):
     """Options of a table of a which-half task."""
 
     kind: Literal["which-half"] = "which-half"
 
 
-class CurveTableSettings(RateTableSettings):
+class CurveTableSection(RateTableSection):
     """Options of a table of right answers along a level."""
 
     kind: Literal["psychometric"] = "psychometric"
@@ -146,7 +146,7 @@ class CurveTableSettings(RateTableSettings):
     """Fit on the logarithm of the level; weibull always does."""
 
 
-class RatingTableSettings(RatingsAnalysis):
+class RatingTableSection(RatingsAnalysis):
     """Options of a table of ratings."""
 
     kind: Literal["ratings"] = "ratings"
@@ -156,7 +156,7 @@ class RatingTableSettings(RatingsAnalysis):
     """Ratings from the lowest, if they are not numbers."""
 
 
-class TimeTableSettings(MixedAnalysis):
+class TimeTableSection(MixedAnalysis):
     """Options of a table of reaction times."""
 
     kind: Literal["reaction"] = "reaction"
