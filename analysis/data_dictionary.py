@@ -3,8 +3,7 @@
 Common columns come first, then those of the task's condition and answer.
 """
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Mapping
 
 import pandas as pd
 
@@ -81,11 +80,6 @@ def frame(rows: list[dict[str, object]], columns: tuple[Column, ...]) -> pd.Data
             else:
                 table[column.name] = values.where(values.notna(), "").astype(str)
     return table
-
-
-def frame_of(kind: type[Any], results: Iterable[object]) -> pd.DataFrame:
-    """Return results of a dataclass as a table: a column per field, also where there are none."""
-    return pd.DataFrame([vars(one) for one in results], columns=list(kind.__dataclass_fields__))
 
 
 def tables_of(study: StudyProtocol) -> dict[str, tuple[Column, ...]]:

@@ -22,7 +22,10 @@ VERBS = "return|yield|say|tell|give|compute"  # in packages: "Return what it is"
 HEADLESS = re.compile(rf"\s*{WORDS}", re.IGNORECASE)
 NAMELESS = re.compile(rf"\s*(?:(?:{VERBS})s?\s+)?{WORDS}", re.IGNORECASE)
 SUSPECT = re.compile(f"[\"']{NAMELESS.pattern}", re.IGNORECASE)  # of these alone we read the syntax
-TITLED = {"Column", "FileColumn", "TableBlock.each", "TableBlock.of"}  # what readers see
+TITLED = {
+    *("Column", "FileColumn", "ResultColumn"),
+    *("ResultTable.of", "TableBlock.each", "TableBlock.of"),
+}  # what readers see
 COMMENT = re.compile(rf"(?://|\s*/\*\*) (?:{HEADS.title()})\b")
 
 

@@ -8,12 +8,11 @@ import pandas as pd
 
 from analysis.models.order_and_side import Bias, came_both_ways, has_sides, order_bias, side_bias
 from analysis.parts import PartFigure, Presentation, SimplePart
-from analysis.parts.shared import P, limits
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import bias_bars
-from analysis.report.values import flat_table
-from analysis.report.wording import level_text, p_number, p_text, share, share_range
-from protocols.blocks import Cautions, FigurePlace, TableBlock
+from analysis.report.result_table import P_VALUE, ResultTable, attribute, limits, p_value
+from analysis.report.wording import level_text, p_text, share, share_range
+from protocols.blocks import Cautions, FigurePlace
 
 
 @dataclass(frozen=True)
@@ -47,19 +46,20 @@ class BiasPart(SimplePart[PreferencePlan, Biases]):
             f"Share of choices of the first interval and of the left key, with {plan.limits};"
             " dots: participants."
         )
+        table = ResultTable.of(
+            "Order and side bias, against .5",
+            biases,
+            attribute("Alternative", "alternative", str, "l"),
+            attribute("Trials", "trials", str),
+            attribute("Share", "share", share),
+            limits(text=share_range),
+            P_VALUE,
+            p_value("Sign-flip p", "sign_flip_p"),
+        )
         return Presentation(
             blocks=(
                 FigurePlace("bias"),
-                TableBlock.each(
-                    "Order and side bias, against .5",
-                    biases,
-                    ("Alternative", "l", lambda b: b.alternative),
-                    ("Trials", "", lambda b: str(b.trials)),
-                    ("Share", "", lambda b: share(b.share)),
-                    limits(text=share_range),
-                    P,
-                    ("Sign-flip p", "n", lambda b: p_number(b.sign_flip_p)),
-                ),
+                table.block(),
                 Cautions.each("About these shares", biases, lambda b: b.alternative),
             ),
             sentences=tuple(
@@ -71,7 +71,7 @@ class BiasPart(SimplePart[PreferencePlan, Biases]):
                 f"Choices of {' and '.join(f'the {b.alternative}' for b in biases)} were compared"
                 " with .5 by a score t test clustered by participant and by scene."
             ),
-            tables={"bias.csv": flat_table(biases, "by_participant", "extreme")},
+            tables={"bias.csv": table.every_field("by_participant", "extreme")},
             figures=(
                 PartFigure("bias", caption, partial(bias_bars, biases, level=plan.confidence)),
             ),

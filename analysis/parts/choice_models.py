@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -13,15 +13,16 @@ from numpy.random import Generator
 from analysis.models.compared_methods import Comparisons
 from analysis.models.logistic import Coefficient, ModelFit, glmm_logit
 from analysis.models.mixed.inference import Inference
-from analysis.models.paired.bradley_terry_mixed import PairedModel, paired_model
+from analysis.models.paired.bradley_terry_mixed import PairedContrast, PairedModel, paired_model
 from analysis.models.preference import Preference
 from analysis.parts import Part, Presentation, tried
 from analysis.parts.preferences import PreferenceResults
-from analysis.parts.shared import adjusted, rows_of, sd_text
+from analysis.parts.shared import GroupedRow, adjusted, rows_of, sd_text
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.repeat import scripts
+from analysis.report.result_table import ResultColumn, ResultTable, attribute, p_value
 from analysis.report.wording import NONE, NOT_IDENTIFIED, big, number, p_number, p_text, t_text
-from protocols.blocks import Block, Cautions, Paragraph, TableBlock, grouped
+from protocols.blocks import Block, Cautions, Paragraph, grouped
 
 LARGEST_LOG = 700.0
 """Of odds that a number can hold."""
@@ -91,32 +92,13 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
 
     def show(self, found: ChoiceModels, plan: PreferencePlan) -> Presentation:
         """Return a table of each kind of model, and what each says."""
+        models, together = _pairs(found, plan), _together(found, plan)
         mixed = any(
             one.fit.random_sd and math.isfinite(one.fit["Intercept"].estimate)
             for one in found.pairs
         )
-        tables = {
-            "models.csv": pd.DataFrame(
-                [
-                    {"method": one.method, "against": one.against, "size": one.size}
-                    | vars(coefficient)
-                    | {f"sd_{name}": sd for name, sd in one.fit.random_sd.items()}
-                    | {"model": one.fit.method, "warnings": "; ".join(one.fit.warnings)}
-                    for one in found.pairs
-                    for coefficient in one.fit.coefficients
-                ]
-            )
-        }
-        if found.together:
-            tables["pairings.csv"] = pd.DataFrame(
-                [
-                    {"size": one.size} | vars(contrast) | {"df": one.model.df}
-                    for one in found.together
-                    for contrast in one.model.contrasts
-                ]
-            )
         return Presentation(
-            blocks=tuple(_blocks(found, plan)),
+            blocks=tuple(_blocks(found, models, together, plan)),
             sentences=tuple(_sentences(found, plan)),
             methods=(
                 "Logit mixed models had crossed random intercepts of participants and scenes"
@@ -124,7 +106,8 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
                 + "; one model of all pairings had random tastes of the methods by participant and"
                 " by scene, with Holm-adjusted likelihood ratios" * bool(found.together) + "."
             ),
-            tables=tables,
+            tables={"models.csv": models.frame()}
+            | ({"pairings.csv": together.frame()} if found.together else {}),
             scripts=scripts("choices", *(["R"] if mixed else []), "py"),
         )
 
@@ -183,23 +166,77 @@ def _sentences(found: ChoiceModels, plan: PreferencePlan) -> Iterator[str]:
             )
 
 
-def _blocks(found: ChoiceModels, plan: PreferencePlan) -> Iterator[Block]:
-    def name(one: PairModel) -> str:
-        return plan.named(one.method, one.against, one.size)
+PairRow: TypeAlias = GroupedRow[PairModel, Coefficient]
+TogetherRow: TypeAlias = GroupedRow[SizeModel, PairedContrast]
 
-    yield TableBlock.each(
+
+def _pairs(found: ChoiceModels, plan: PreferencePlan) -> ResultTable[PairRow]:
+    def fitted(row: PairRow) -> dict[str, object]:
+        fit = row.group.fit
+        random = {f"sd_{name}": sd for name, sd in fit.random_sd.items()}
+        return vars(row.entry) | random | {"model": fit.method, "warnings": "; ".join(fit.warnings)}
+
+    return ResultTable.of(
         "Logit mixed models: crossed random intercepts, order of presentation as covariate",
         rows_of((one, one.fit.coefficients) for one in found.pairs),
-        ("Comparison", "l c", lambda row: name(row[0]) * row[2]),
-        ("Term", "l", lambda row: "preference" if row[1].term == "Intercept" else "shown first"),
-        ("b", "", lambda row: number(row[1].estimate)),
-        ("LR p", "strong n", lambda row: p_number(row[1].ratio_p)),
-        ("SE", "", lambda row: number(row[1].standard_error)),
-        ("Statistic", "n", lambda row: t_text(row[1].statistic, row[1].df, none=NONE)),
-        ("p", "n", lambda row: p_number(row[1].p)),
-        (f"OR, {plan.limits}", "n", lambda row: _odds_text(row[1])),
-        ("Random SD", "l", lambda row: _spread(row[0].fit) * row[2]),
+        ResultColumn(
+            "Comparison",
+            "l c",
+            lambda row: _name(row.group, plan) * row.first,
+            "group.method group.against group.size",
+        ),
+        ResultColumn(
+            "Term",
+            "l",
+            lambda row: "preference" if row.entry.term == "Intercept" else "shown first",
+            fitted,
+        ),
+        attribute("b", "entry.estimate"),
+        attribute("LR p", "entry.ratio_p", p_number, "strong n"),
+        attribute("SE", "entry.standard_error"),
+        ResultColumn(
+            "Statistic",
+            "n",
+            lambda row: t_text(row.entry.statistic, row.entry.df, none=NONE),
+        ),
+        p_value("p", "entry.p"),
+        ResultColumn(f"OR, {plan.limits}", "n", lambda row: _odds_text(row.entry)),
+        ResultColumn("Random SD", "l", lambda row: _spread(row.group.fit) * row.first),
     )
+
+
+def _together(found: ChoiceModels, plan: PreferencePlan) -> ResultTable[TogetherRow]:
+    return ResultTable.of(
+        "One mixed model of all pairings: each participant and scene has own tastes of the methods",
+        rows_of((one, one.model.contrasts) for one in found.together),
+        ResultColumn(
+            "Comparison",
+            "l c",
+            lambda row: plan.named(row.entry.first, row.entry.second, row.group.size),
+            lambda row: {"size": row.group.size} | vars(row.entry) | {"df": row.group.model.df},
+        ),
+        attribute("b", "entry.estimate"),
+        attribute("SE", "entry.standard_error"),
+        ResultColumn(
+            "LR (df)", "n", lambda row: f"{number(row.entry.ratio)} ({row.group.model.df})"
+        ),
+        p_value("p", "entry.p"),
+        p_value("p adj.", "entry.p_adjusted"),
+        ResultColumn("Random SD", "l", lambda row: sd_text(row.group.model.random_sd) * row.first),
+    )
+
+
+def _name(one: PairModel, plan: PreferencePlan) -> str:
+    return plan.named(one.method, one.against, one.size)
+
+
+def _blocks(
+    found: ChoiceModels,
+    models: ResultTable[PairRow],
+    together: ResultTable[TogetherRow],
+    plan: PreferencePlan,
+) -> Iterator[Block]:
+    yield models.block()
     yield Paragraph(
         "b: logarithm of the odds (OR) of choosing the first method, for a participant and a"
         ' scene in the middle; "shown first": how far b rises where that method was shown first'
@@ -211,34 +248,20 @@ def _blocks(found: ChoiceModels, plan: PreferencePlan) -> Iterator[Block]:
         muted=True,
     )
     if found.together:
-        yield from _together(found, plan)
+        yield together.block()
+        yield Paragraph(
+            "b as above, now with all answers together: what one pairing tells of two methods"
+            " counts for the others too. LR: likelihood ratio against two methods being equal; its"
+            " root is judged by t with df of participants. p adj.: Holm over the comparisons of a"
+            " size. Random SD: of one method's b between participants, and between scenes.",
+            muted=True,
+        )
     yield Cautions(
         "When not to trust these models",
         grouped(
-            [(name(one), one.fit.warnings) for one in found.pairs]
+            [(_name(one, plan), one.fit.warnings) for one in found.pairs]
             + [(plan.at(one.size), one.model.warnings) for one in found.together]
         ),
-    )
-
-
-def _together(found: ChoiceModels, plan: PreferencePlan) -> Iterator[Block]:
-    yield TableBlock.each(
-        "One mixed model of all pairings: each participant and scene has own tastes of the methods",
-        rows_of((one, one.model.contrasts) for one in found.together),
-        ("Comparison", "l c", lambda row: plan.named(row[1].first, row[1].second, row[0].size)),
-        ("b", "", lambda row: number(row[1].estimate)),
-        ("SE", "", lambda row: number(row[1].standard_error)),
-        ("LR (df)", "n", lambda row: f"{number(row[1].ratio)} ({row[0].model.df})"),
-        ("p", "n", lambda row: p_number(row[1].p)),
-        ("p adj.", "n", lambda row: p_number(row[1].p_adjusted)),
-        ("Random SD", "l", lambda row: sd_text(row[0].model.random_sd) * row[2]),
-    )
-    yield Paragraph(
-        "b as above, now with all answers together: what one pairing tells of two methods"
-        " counts for the others too. LR: likelihood ratio against two methods being equal; its"
-        " root is judged by t with df of participants. p adj.: Holm over the comparisons of a"
-        " size. Random SD: of one method's b between participants, and between scenes.",
-        muted=True,
     )
 
 

@@ -14,18 +14,24 @@ import scipy
 
 from analysis.models.right_answers import Rate, correct_rates
 from analysis.parts import AnalysisPlan, PartFigure, Presentation, SimplePart
-from analysis.parts.shared import P, condition, in_order, limits
+from analysis.parts.shared import condition, in_order
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots import heat_map, rates_plot
-from analysis.report.values import flat_table
+from analysis.report.result_table import (
+    P_VALUE,
+    ResultColumn,
+    ResultTable,
+    attribute,
+    limits,
+    p_value,
+)
 from analysis.report.wording import (
     level_text,
-    p_number,
     p_text,
     share,
     share_range,
 )
-from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock
+from protocols.blocks import Cautions, FigurePlace, Paragraph
 from protocols.errors import count_of
 
 
@@ -83,7 +89,8 @@ class RatesPart(SimplePart[RatePlan, Rates]):
             f" {respected(rates)}; p against chance, which is dashed."
         )
         figures = [PartFigure("correct", caption, partial(rates_plot, rates, label=label))]
-        tables = {"rates.csv": flat_table(rates)}
+        table = rate_table(f"Right answers by {plan.by_name or 'condition'}", rates, plan)
+        tables = {"rates.csv": table.every_field()}
         if len(found.answers) > 2:
             matrix = np.array(found.confusion, dtype=np.float64)
             answers = [label(one) for one in found.answers]
@@ -96,7 +103,7 @@ class RatesPart(SimplePart[RatePlan, Rates]):
         return Presentation(
             blocks=(
                 FigurePlace("correct"),
-                rate_table(f"Right answers by {plan.by_name or 'condition'}", rates, plan),
+                table.block(),
                 Paragraph(
                     f"p: against chance, with {errors(rates)}; limits"
                     " belong to the same test. Pooled exact p takes trials as independent, which"
@@ -118,18 +125,18 @@ class RatesPart(SimplePart[RatePlan, Rates]):
         )
 
 
-def rate_table(caption: str, rates: Sequence[Rate], plan: AnalysisPlan) -> TableBlock:
+def rate_table(caption: str, rates: Sequence[Rate], plan: AnalysisPlan) -> ResultTable[Rate]:
     """Return the table of shares."""
-    return TableBlock.each(
+    return ResultTable.of(
         caption,
         rates,
         condition(plan),
-        ("Right", "n", lambda one: f"{one.count} / {one.trials}"),
-        ("Share", "strong", lambda one: share(one.share)),
+        ResultColumn("Right", "n", lambda one: f"{one.count} / {one.trials}"),
+        attribute("Share", "share", share, "strong"),
         limits(plan.limits, share_range),
-        ("Chance", "", lambda one: share(one.chance)),
-        P,
-        ("Pooled exact p", "n", lambda one: p_number(one.exact_p)),
+        attribute("Chance", "chance", share),
+        P_VALUE,
+        p_value("Pooled exact p", "exact_p"),
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
+from operator import attrgetter
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -22,22 +23,27 @@ from analysis.models.right_answers import Influence, Rate, rate, share_influence
 from analysis.models.second_factor import jod_interactions, share_interactions
 from analysis.parts import Part, PartFigure, Presentation, Tests
 from analysis.parts.scale import BOOTSTRAP_SAMPLES
-from analysis.parts.shared import apa_difference
+from analysis.parts.shared import apa_difference, between
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots.tasks import interaction_plot
-from analysis.report.values import flat_table
+from analysis.report.result_table import (
+    TESTED,
+    ResultColumn,
+    ResultTable,
+    attribute,
+    estimated,
+    limits,
+    within,
+)
+from analysis.report.values import frame_of
 from analysis.report.wording import (
     column_in_words,
-    df_text,
     leading,
-    number_range,
-    p_number,
-    placed,
     t_text,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Box, Cautions, FigurePlace, Paragraph, TableBlock
+from protocols.blocks import Box, Cautions, FigurePlace, Paragraph
 from protocols.errors import count_of
 from protocols.tasks.rates import name_of
 
@@ -150,6 +156,17 @@ class InteractionPart(Part[P, Interactions]):
         over = f"over all shares{' and over all JOD' * bool(found.jod)}"
         if isinstance(plan, PreferencePlan):
             over += f", those of {_whose(plan)} by themselves and those of other pairs together"
+        changes = ResultTable.of(
+            f"Changes between values of {factor}",
+            every,
+            ResultColumn("Of", "l c", lambda one: _between(one, plan)),
+            ResultColumn("Values", "l", lambda one: between(one.gap, plan)),
+            attribute("In", "gap.measure", str, "l"),
+            *within(
+                attrgetter("gap"),
+                (estimated("Change", "difference"), limits(plan.limits), *TESTED),
+            ),
+        )
         scale = ", and distances in JOD by a bootstrap that draws people alike for all values"
         return Presentation(
             lead=(
@@ -162,26 +179,7 @@ class InteractionPart(Part[P, Interactions]):
             title=f"Second factor: {factor}",
             blocks=(
                 FigurePlace("interaction"),
-                TableBlock.each(
-                    f"Changes between values of {factor}",
-                    every,
-                    ("Of", "l c", lambda one: _between(one, plan)),
-                    (
-                        "Values",
-                        "l",
-                        lambda one: f"{plan.label(one.gap.first)} - {plan.label(one.gap.second)}",
-                    ),
-                    ("In", "l", lambda one: one.gap.measure),
-                    ("Change", "strong", lambda one: placed(one.gap, one.gap.difference)),
-                    (
-                        plan.limits,
-                        "n",
-                        lambda one: number_range(one.gap.lower, one.gap.upper),
-                    ),
-                    ("df", "", lambda one: df_text(one.gap.df, one.gap.t)),
-                    ("p", "n", lambda one: p_number(one.gap.p)),
-                    ("p adj.", "n", lambda one: p_number(one.gap.p_adjusted)),
-                ),
+                changes.block(),
                 Paragraph(
                     f"Change: 0 where the factor changes nothing. p adj.: Holm, {over}. That one"
                     " value has a significant result and another has none does not show that they"
@@ -196,8 +194,8 @@ class InteractionPart(Part[P, Interactions]):
                 f" participant and by scene{scale if found.jod else ''}."
             ),
             tables={
-                "interaction.csv": flat_table(every),
-                "interaction_shares.csv": pd.DataFrame(map(vars, found.sides)),
+                "interaction.csv": changes.every_field(),
+                "interaction_shares.csv": frame_of(found.sides),
             },
             figures=(PartFigure("interaction", caption, draw),),
         )

@@ -14,22 +14,28 @@ from analysis.models.compared_methods import Comparisons
 from analysis.models.trends import Course, Trend, course, trend
 from analysis.parts import AnalysisPlan, Part, PartFigure, Presentation
 from analysis.parts.ratings import RatingResults
-from analysis.parts.shared import TESTED, limits
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
 from analysis.plans.rating_plan import RatingPlan
 from analysis.plots import learning_plot
-from analysis.report.values import flat_table
+from analysis.report.result_table import (
+    DF,
+    P_VALUE,
+    ResultTable,
+    attribute,
+    estimated,
+    limits,
+    p_value,
+)
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     number,
     number_range,
-    p_number,
     p_text,
     placed,
     t_text,
 )
-from protocols.blocks import Cautions, FigurePlace, TableBlock
+from protocols.blocks import Cautions, FigurePlace
 from protocols.tasks.rates import name_of
 
 
@@ -106,25 +112,23 @@ class LearningPart(Part[P, Learning]):
     def show(self, found: Learning, plan: P) -> Presentation:
         """Return the figure, the table of changes, and each as a sentence."""
         trends = found.trends
+        table = ResultTable[Trend].of(
+            "Change from the first to the last trial, between participants; beside it the"
+            " papers' pooled rank correlation",
+            trends,
+            attribute("Outcome", "outcome", str, "l"),
+            estimated("Change", "change", ""),
+            limits(),
+            DF,
+            P_VALUE,
+            p_value("Sign-flip p", "sign_flip_p"),
+            attribute("Spearman \N{GREEK SMALL LETTER RHO}", "spearman_rho"),
+            p_value("pooled p", "spearman_p"),
+        )
         return Presentation(
             blocks=(
                 FigurePlace("learning"),
-                TableBlock.each(
-                    "Change from the first to the last trial, between participants; beside it the"
-                    " papers' pooled rank correlation",
-                    trends,
-                    ("Outcome", "l", lambda one: one.outcome),
-                    ("Change", "", lambda one: placed(one, one.change)),
-                    limits(),
-                    *TESTED[:2],
-                    ("Sign-flip p", "n", lambda one: p_number(one.sign_flip_p)),
-                    (
-                        "Spearman \N{GREEK SMALL LETTER RHO}",
-                        "",
-                        lambda one: number(one.spearman_rho),
-                    ),
-                    ("pooled p", "n", lambda one: p_number(one.spearman_p)),
-                ),
+                table.block(),
                 Cautions.each("About these trends", trends, lambda one: one.outcome),
             ),
             sentences=tuple(apa_trend(one) for one in trends),
@@ -132,7 +136,7 @@ class LearningPart(Part[P, Learning]):
                 "Change over the session is the mean of a least-squares slope of each participant,"
                 " within conditions, with a t test and a sign-flip test over participants."
             ),
-            tables={"learning.csv": flat_table(trends, "changes")},
+            tables={"learning.csv": table.every_field("changes")},
             figures=() if found.course is None else (self._figure(trends[0], found.course, plan),),
         )
 

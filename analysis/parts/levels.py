@@ -1,7 +1,7 @@
 """Psychometric functions along a level: of all answers, and of the population."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, TypeVar
@@ -12,7 +12,6 @@ import scipy
 
 from analysis.answers import SimulatedAnswers
 from analysis.arrays import Floats
-from analysis.data_dictionary import frame_of
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
 from analysis.models.curves.population import Threshold
@@ -21,6 +20,7 @@ from analysis.models.thresholds import ThresholdModel, fit_thresholds
 from analysis.parts import Estimate, PartFigure, PartResults, Presentation, SimplePart, Tests, tried
 from analysis.parts.shared import (
     apa_difference,
+    condition,
     difference_estimates,
     difference_tables,
     in_order,
@@ -30,6 +30,8 @@ from analysis.parts.shared import (
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots.psychometric_plots import PANELS, DrawnCurve, people_plot, psychometric_plot
 from analysis.repeat import scripts
+from analysis.report.result_table import ResultColumn, ResultTable, within
+from analysis.report.values import frame_of
 from analysis.report.wording import (
     NONE,
     NOT_IDENTIFIED,
@@ -44,7 +46,9 @@ from analysis.report.wording import (
 )
 from analysis.showable import FamilyOfTests
 from protocols.adaptive.answer_history import Shape
-from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
+from protocols.blocks import Block, Cautions, FigurePlace, Paragraph, grouped
+
+R = TypeVar("R")
 
 WIDELY_SPACED = 8.0
 """Levels whose largest is so many times the smallest are drawn on a logarithmic axis."""
@@ -152,20 +156,47 @@ def people_figure(
     return PartFigure(name, caption, draw)
 
 
-def threshold_cells(
-    known: bool, value: float, ends: Ends | None, width: float
-) -> tuple[str, str, str]:
-    """Return threshold, limits and width as text; none where the answers do not place them.
+@dataclass(frozen=True)
+class PlacedThreshold:
+    """A threshold and the width of its curve; `known` where the answers place them.
 
     The width is a length: that of a falling curve, whose `width` is negative, as well.
     """
-    if not known:
-        return NOT_IDENTIFIED, NONE, NONE
-    return size(value, within=ends), size_range(ends), size(abs(width))
+
+    known: bool
+    value: float
+    ends: Ends | None
+    width: float
 
 
-def width_title(logarithmic: bool) -> str:
-    return "Width, as a ratio" if logarithmic else "Width"
+def threshold_columns(
+    of: Callable[[R], PlacedThreshold], limits: str, *, logarithmic: bool
+) -> Iterator[ResultColumn[R]]:
+    """Yield threshold, limits and width; none where the answers do not place them."""
+
+    def column(
+        title: str, style: str, none: str, text: Callable[[PlacedThreshold], str]
+    ) -> ResultColumn[PlacedThreshold]:
+        return ResultColumn(title, style, lambda one: text(one) if one.known else none)
+
+    yield from within(
+        of,
+        (
+            column(
+                "Threshold",
+                "strong",
+                NOT_IDENTIFIED,
+                lambda one: size(one.value, within=one.ends),
+            ),
+            column(limits, "n", NONE, lambda one: size_range(one.ends)),
+            column(
+                "Width, as a ratio" if logarithmic else "Width",
+                "",
+                NONE,
+                lambda one: size(abs(one.width)),
+            ),
+        ),
+    )
 
 
 def section_title(plan: RatePlan) -> str:
@@ -173,10 +204,10 @@ def section_title(plan: RatePlan) -> str:
     return f"By {column_in_words(str(plan.level))}"
 
 
-R = TypeVar("R", bound=PartResults)
+P = TypeVar("P", bound=PartResults)
 
 
-class LevelsPart(SimplePart[RatePlan, R]):
+class LevelsPart(SimplePart[RatePlan, P]):
     """Base of parts along a level."""
 
     section: ClassVar[tuple[str, str]] = SECTION
@@ -223,20 +254,12 @@ class CurvesPart(LevelsPart[Curves]):
             (plan.label(name), fit, fit.identified(found.counts[name].levels))
             for name, fit in found.curves.items()
         ]
-        table = TableBlock.of(
+        table = ResultTable.of(
             "Psychometric functions, all participants together",
-            (
-                *(("Condition", "l c"), ("Threshold", "strong"), ("Limits", "n"), ("Width", "")),
-                ("Lapse rate", ""),
-            ),
-            [
-                (
-                    name,
-                    *threshold_cells(known, fit.threshold, fit.threshold_limits, fit.width),
-                    share(fit.lapse),
-                )
-                for name, fit, known in fits
-            ],
+            fits,
+            ResultColumn("Condition", "l c", lambda row: row[0]),
+            *threshold_columns(_place_of, "Limits", logarithmic=False),
+            ResultColumn("Lapse rate", "", lambda row: share(row[1].lapse)),
         )
         told = Paragraph(
             "Threshold: where half of the way from guessing to lapsing is done. Width: from 5 to"
@@ -244,55 +267,62 @@ class CurvesPart(LevelsPart[Curves]):
             " not of people; the next table's do.",
             muted=True,
         )
-        curves = {
-            name: DrawnCurve(
-                fit, threshold=(fit.threshold, *(fit.threshold_limits or (None, None)))
-            )
-            for name, fit in found.curves.items()
-            if fit.identified(found.counts[name].levels)
-        }
-        curves |= {
-            name: DrawnCurve(fit) for name, fit in found.curves.items() if name not in curves
-        }
-        counted = [
-            {"condition": name, "level": x, "right": right, "trials": trials}
-            for name, one in found.counts.items()
-            for x, right, trials in zip(one.levels, one.right, one.trials, strict=True)
-        ]
         guess = "a guess rate of chance" if plan.guess is not None else "a free guess rate"
+        methods = (
+            f"Psychometric functions over {plan.level} were fitted by maximum likelihood with"
+            f" {guess}."
+        )
         return Presentation(
             title=self.title(plan),
             blocks=(
                 FigurePlace("levels"),
-                *((table, told) if fits else ()),
+                *((table.block(), told) if fits else ()),
                 Cautions(TRUST, grouped([(name, fit.warnings) for name, fit, _ in fits])),
             ),
-            sentences=tuple(
-                f"All answers to {name} together have their threshold at"
-                f" {size(fit.threshold, within=fit.threshold_limits)}"
-                + (
-                    f", {level_text(fit.level)} {size_range(fit.threshold_limits)} of answers, not"
-                    " of people."
-                    if fit.threshold_limits
-                    else "; it has no limits."
-                )
-                for name, fit, known in fits
-                if known
-            ),
-            methods=(
-                f"Psychometric functions over {plan.level} were fitted by maximum likelihood with"
-                f" {guess}."
-                if fits
-                else ""
-            ),
-            tables={"levels.csv": pd.DataFrame(counted)},
+            sentences=tuple(_of_answers(name, fit) for name, fit, known in fits if known),
+            methods=methods if fits else "",
+            tables={"levels.csv": _counted(found)},
             scripts=_curve_scripts(found, plan),
             figures=(
                 curves_figure(
-                    "levels", "fitted psychometric functions", found.counts, curves, plan
+                    "levels", "fitted psychometric functions", found.counts, _drawn(found), plan
                 ),
             ),
         )
+
+
+def _place_of(row: tuple[str, Psychometric, bool]) -> PlacedThreshold:
+    _, fit, known = row
+    return PlacedThreshold(known, fit.threshold, fit.threshold_limits, fit.width)
+
+
+def _of_answers(name: str, fit: Psychometric) -> str:
+    ends = fit.threshold_limits
+    place = size(fit.threshold, within=ends)
+    limits = f", {level_text(fit.level)} {size_range(ends)} of answers, not of people."
+    return (
+        f"All answers to {name} together have their threshold at {place}"
+        f"{limits if ends else '; it has no limits.'}"
+    )
+
+
+def _drawn(found: Curves) -> dict[str, DrawnCurve]:
+    """Return the curves, those first whose thresholds the answers place."""
+    placed = {
+        name: DrawnCurve(fit, threshold=(fit.threshold, *(fit.threshold_limits or (None, None))))
+        for name, fit in found.curves.items()
+        if fit.identified(found.counts[name].levels)
+    }
+    others = {name: DrawnCurve(fit) for name, fit in found.curves.items() if name not in placed}
+    return placed | others
+
+
+def _counted(found: Curves) -> pd.DataFrame:
+    return pd.DataFrame(
+        {"condition": name, "level": x, "right": right, "trials": trials}
+        for name, one in found.counts.items()
+        for x, right, trials in zip(one.levels, one.right, one.trials, strict=True)
+    )
 
 
 def _curve_scripts(found: Curves, plan: RatePlan) -> dict[str, str]:
@@ -380,87 +410,36 @@ class ThresholdsPart(LevelsPart[Thresholds]):
 
     def show(self, found: Thresholds, plan: RatePlan) -> Presentation:
         """Return thresholds, what differs, and each participant's own."""
-        label, each = plan.label, found.thresholds
-        placed = {one.condition: one.identified(found.levels) for one in each}
-        curves = {
-            one.condition: DrawnCurve(
-                partial(found.population.average, one.condition),
-                partial(found.population.average_limits, one.condition),
-                (one.value, one.lower, one.upper),
-            )
-            for one in each
-            if placed[one.condition]
-        }
-        of_people = {
-            (who, one.condition): DrawnCurve(
-                partial(found.population.typical, one.condition, who=who),
-                threshold=(value, None, None),
-            )
-            for one in each
-            if placed[one.condition]
-            for who, value in one.individual.items()
-        }
+        each, shown = found.thresholds, found.levels
         effects = _deviations(found)
-        own = sorted({who for one in each for who in one.individual})
-        people = (
-            TableBlock.of(
-                "Participants' thresholds",
-                (("Participant", "l"), *((label(one.condition), "") for one in each)),
-                [
-                    (
-                        who,
-                        *(
-                            size(
-                                one.individual.get(who) if placed[one.condition] else None,
-                                within=(one.lower, one.upper),
-                            )
-                            for one in each
-                        ),
-                    )
-                    for who in own
-                ],
-            ),
-            Paragraph(
-                "Each is drawn towards the mean as far as the participant's answers leave open.",
-                muted=True,
-            ),
+
+        def placed(one: Threshold) -> PlacedThreshold:
+            ends = (one.lower, one.upper)
+            return PlacedThreshold(one.identified(shown), one.value, ends, one.width)
+
+        over_scenes = " and scenes" if found.scene_sd else ""
+        table = ResultTable.of(
+            f"Thresholds in the population: one model, random over participants{over_scenes}",
+            each,
+            condition(plan),
+            *threshold_columns(placed, plan.limits, logarithmic=found.logarithmic),
         )
         differing = "natural logarithms of thresholds" if found.logarithmic else "thresholds"
+        lapses = f"Mean lapse rate of participants {share(found.lapse)}{_spread(found, '; {}')}."
+        people = _people(found, plan)
         return Presentation(
             title=self.title(plan),
             blocks=(
                 FigurePlace("psychometric"),
-                TableBlock.of(
-                    "Thresholds in the population: one model, random over participants"
-                    + (" and scenes" if found.scene_sd else ""),
-                    (
-                        ("Condition", "l c"),
-                        ("Threshold", "strong"),
-                        (plan.limits, "n"),
-                        (width_title(found.logarithmic), ""),
-                    ),
-                    [
-                        (
-                            label(one.condition),
-                            *threshold_cells(
-                                placed[one.condition], one.value, (one.lower, one.upper), one.width
-                            ),
-                        )
-                        for one in each
-                    ],
-                ),
-                Paragraph(
-                    f"Mean lapse rate of participants {share(found.lapse)}"
-                    f"{_spread(found, '; {}')}.",
-                    muted=True,
-                ),
+                table.block(),
+                Paragraph(lapses, muted=True),
                 *difference_tables(f"Differences of {differing}", found.contrasts, plan),
-                *((*people, FigurePlace("people")) if own else ()),
+                *((*people, FigurePlace("people")) if people else ()),
                 Cautions("When not to trust these thresholds", found.warnings),
             ),
             sentences=(
-                apa_thresholds(found, levels=found.levels),
-                *(apa_difference(one, label) for one in found.contrasts),
+                apa_thresholds(found, levels=shown),
+                *(apa_difference(one, plan.label) for one in found.contrasts),
             ),
             methods=(
                 "Thresholds in the population come from one mixed model of all trials, random over"
@@ -471,27 +450,58 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             ),
             tables={
                 "thresholds.csv": threshold_lines(each),
-                "threshold_differences.csv": frame_of(Difference, found.contrasts),
+                "threshold_differences.csv": frame_of(found.contrasts, Difference),
             },
-            figures=(
-                curves_figure(
-                    "psychometric",
-                    "the mean curve of people like these in one model",
-                    found.counts,
-                    curves,
-                    plan,
-                ),
-                *(
-                    [
-                        people_figure(
-                            "people", "their curves in one model", found.people, of_people, plan
-                        )
-                    ]
-                    if own
-                    else ()
-                ),
-            ),
+            figures=tuple(_figures(found, plan)),
         )
+
+
+def _people(found: Thresholds, plan: RatePlan) -> tuple[Block, ...]:
+    """Return the table of participants' own thresholds; nothing where there are none."""
+    each = found.thresholds
+    own = sorted({who for one in each for who in one.individual})
+    if not own:
+        return ()
+
+    def column(one: Threshold) -> ResultColumn[str]:
+        known = one.individual if one.identified(found.levels) else {}
+        ends = (one.lower, one.upper)
+        return ResultColumn(
+            plan.label(one.condition), "", lambda who: size(known.get(who), within=ends)
+        )
+
+    participant = ResultColumn[str]("Participant", "l", str)
+    return (
+        ResultTable("Participants' thresholds", own, (participant, *map(column, each))).block(),
+        Paragraph(
+            "Each is drawn towards the mean as far as the participant's answers leave open.",
+            muted=True,
+        ),
+    )
+
+
+def _figures(found: Thresholds, plan: RatePlan) -> Iterator[PartFigure]:
+    population = found.population
+    placed = [one for one in found.thresholds if one.identified(found.levels)]
+    curves = {
+        one.condition: DrawnCurve(
+            partial(population.average, one.condition),
+            partial(population.average_limits, one.condition),
+            (one.value, one.lower, one.upper),
+        )
+        for one in placed
+    }
+    fits = "the mean curve of people like these in one model"
+    yield curves_figure("psychometric", fits, found.counts, curves, plan)
+    of_people = {
+        (who, one.condition): DrawnCurve(
+            partial(population.typical, one.condition, who=who), threshold=(value, None, None)
+        )
+        for one in placed
+        for who, value in one.individual.items()
+    }
+    if any(one.individual for one in found.thresholds):
+        yield people_figure("people", "their curves in one model", found.people, of_people, plan)
 
 
 def threshold_lines(thresholds: Sequence[Threshold]) -> pd.DataFrame:

@@ -6,35 +6,41 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pandas as pd
 
-from analysis.data_dictionary import frame_of
 from analysis.models.mixed.marginal_means import Margin, Margins
 from analysis.parts import AnalysisPlan
-from analysis.parts.shared import TableColumn, adjusted
+from analysis.parts.shared import adjusted
+from analysis.report.result_table import (
+    P_ADJUSTED,
+    P_VALUE,
+    T_DF,
+    ResultColumn,
+    ResultTable,
+    attribute,
+)
+from analysis.report.values import frame_of
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     level_text,
     number,
     number_range,
-    p_number,
     p_text,
-    t_number,
     t_text,
 )
-from protocols.blocks import Block, TableBlock
+from protocols.blocks import Block
 
 
 def means_table(
-    title: str, found: Margins, plan: AnalysisPlan, *more: TableColumn
+    title: str, found: Margins, plan: AnalysisPlan, *more: ResultColumn[Margin]
 ) -> Iterator[Block]:
     """Yield the table of marginal means; `more` are columns beside the model's scale."""
     if found.means:
-        yield TableBlock.each(
+        yield ResultTable.of(
             title,
             found.means,
-            ("Condition", "l c", lambda one: plan.label(one.name)),
+            attribute("Condition", "name", plan.label, "l c"),
             *_estimate("Mean", plan, float),
             *more,
-        )
+        ).block()
 
 
 def contrasts_table(
@@ -42,16 +48,16 @@ def contrasts_table(
 ) -> Iterator[Block]:
     """Yield the table of named contrasts; `turned` makes the model's scale that of the unit."""
     if found.contrasts:
-        yield TableBlock.each(
+        yield ResultTable.of(
             f"Contrasts of the mixed model's means, {unit}",
             found.contrasts,
-            ("Contrast", "l c", lambda one: one.name),
-            ("Weights", "l c", lambda one: weights_of(one.name, plan)),
+            attribute("Contrast", "name", str, "l c"),
+            ResultColumn("Weights", "l c", lambda one: weights_of(one.name, plan)),
             *_estimate("Estimate", plan, turned),
-            ("t(df)", "n", lambda one: t_number(one.t, one.df)),
-            ("p", "n", lambda one: p_number(one.p)),
-            ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
-        )
+            T_DF,
+            P_VALUE,
+            P_ADJUSTED,
+        ).block()
 
 
 def contrast_sentences(
@@ -74,7 +80,7 @@ def contrast_sentences(
 def margin_tables(found: Margins, name: str) -> dict[str, pd.DataFrame]:
     """Return means and contrasts on the model's scale as tables; `name` begins their files'."""
     kinds = {"means": found.means, "contrasts": found.contrasts}
-    return {f"{name}_{kind}.csv": frame_of(Margin, own) for kind, own in kinds.items() if own}
+    return {f"{name}_{kind}.csv": frame_of(own) for kind, own in kinds.items() if own}
 
 
 def weights_of(name: str, plan: AnalysisPlan) -> str:
@@ -89,13 +95,13 @@ def weights_of(name: str, plan: AnalysisPlan) -> str:
 
 def _estimate(
     title: str, plan: AnalysisPlan, turned: Callable[[float], float]
-) -> tuple[TableColumn, TableColumn]:
+) -> tuple[ResultColumn[Margin], ResultColumn[Margin]]:
     def ends(one: Margin) -> tuple[float, float]:
         return turned(one.lower), turned(one.upper)
 
     return (
-        (title, "strong", lambda one: number(turned(one.value), within=ends(one))),
-        (plan.limits, "n", lambda one: number_range(*ends(one))),
+        ResultColumn(title, "strong", lambda one: number(turned(one.value), within=ends(one))),
+        ResultColumn(plan.limits, "n", lambda one: number_range(*ends(one))),
     )
 
 

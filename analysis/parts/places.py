@@ -1,17 +1,26 @@
 """Places: which sessions ran in participants' own browsers, and what differs from the lab."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import hypot
+from operator import attrgetter
 from typing import Any, ClassVar
 
 import pandas as pd
 from numpy.random import Generator
 
 from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, Presentation, estimates_of, tried
+from analysis.report.result_table import (
+    ResultColumn,
+    ResultTable,
+    attribute,
+    estimated,
+    limits,
+    within,
+)
 from analysis.report.wording import level_text, number_range, placed
-from protocols.blocks import Block, Paragraph, TableBlock
+from protocols.blocks import Block, Paragraph
 from protocols.errors import count_of
 
 LAB, BROWSER = "lab", "browser"
@@ -125,21 +134,14 @@ class PlacesPart(Part[AnalysisPlan, Places]):
 
     def show(self, found: Places, plan: AnalysisPlan) -> Presentation:
         """Return the evidence for each place's sessions, and the primary result by place."""
-        differences = pd.DataFrame(
-            [
-                {"of": one.what}
-                | {f"lab_{end}": getattr(one.lab, end) for end in ("value", "lower", "upper")}
-                | {f"browser_{e}": getattr(one.browser, e) for e in ("value", "lower", "upper")}
-                | {"difference": one.difference, "lower": one.lower, "upper": one.upper}
-                for one in found.differences
-            ]
-        )
-        tables = {"places.csv": pd.DataFrame([vars(one) for one in found.places])}
+        tables = {"places.csv": _places(found).frame()}
+        if found.differences:
+            tables["place_differences.csv"] = _differences(found, plan).frame()
         return Presentation(
             blocks=tuple(_blocks(found, plan)),
             sentences=(_counted(found), *(_sentence(one, plan) for one in found.differences)),
             methods=_methods(found),
-            tables=tables | ({"place_differences.csv": differences} if len(differences) else {}),
+            tables=tables,
         )
 
     def _primary(self, rows: pd.DataFrame, plan: AnalysisPlan) -> Sequence[Estimate]:
@@ -171,18 +173,55 @@ class PlacesPart(Part[AnalysisPlan, Places]):
         )
 
 
-def _blocks(found: Places, plan: AnalysisPlan) -> Iterator[Block]:
-    yield TableBlock.each(
+def _places(found: Places) -> ResultTable[Place]:
+    def listed(title: str, name: str, unit: str = "") -> ResultColumn[Place]:
+        return ResultColumn(
+            title, "l", lambda one: _listed(getattr(one, name), one.sessions, unit), name
+        )
+
+    return ResultTable.of(
         "Places of sessions",
         found.places,
-        ("Place", "l c", lambda one: one.name),
-        ("Sessions", "", lambda one: str(one.sessions)),
-        ("Participants", "", lambda one: str(one.participants)),
-        ("Decisions", "", lambda one: str(one.decisions)),
-        ("Refresh rates", "l", lambda one: _listed(one.refresh_hz, one.sessions, " Hz")),
-        ("Time stamps by", "l", lambda one: _listed(one.timing_evidence, one.sessions)),
-        ("Gaze", "l", lambda one: _listed(one.gaze_mode, one.sessions)),
+        attribute("Place", "name", str, "l c"),
+        attribute("Sessions", "sessions", str),
+        attribute("Participants", "participants", str),
+        attribute("Decisions", "decisions", str),
+        listed("Refresh rates", "refresh_hz", " Hz"),
+        listed("Time stamps by", "timing_evidence"),
+        listed("Gaze", "gaze_mode"),
+        ResultColumn("", "", None, "time_off_s"),
     )
+
+
+def _differences(found: Places, plan: AnalysisPlan) -> ResultTable[PlaceDifference]:
+    def at(title: str, place: str) -> ResultColumn[PlaceDifference]:
+        ends = ("value", "lower", "upper")
+        return ResultColumn(
+            title,
+            "",
+            lambda one: placed(getattr(one, place), getattr(one, place).value),
+            lambda one: {f"{place}_{end}": getattr(getattr(one, place), end) for end in ends},
+        )
+
+    def ends(place: str) -> ResultColumn[PlaceDifference]:
+        (column,) = within(attrgetter(place), (limits(plan.limits),))
+        return replace(column, csv="")
+
+    return ResultTable.of(
+        "Exploratory: the primary result by place",
+        found.differences,
+        ResultColumn("Result", "l c", lambda one: one.what, lambda one: {"of": one.what}),
+        at("Lab", LAB),
+        ends(LAB),
+        at("Browser", BROWSER),
+        ends(BROWSER),
+        estimated("Browser - lab", "difference"),
+        limits(plan.limits),
+    )
+
+
+def _blocks(found: Places, plan: AnalysisPlan) -> Iterator[Block]:
+    yield _places(found).block()
     off_s = found.places[-1].time_off_s or 0.0
     off = f" Times were at most {1000 * off_s:.3g} ms from those stated." if off_s else ""
     yield Paragraph(
@@ -191,17 +230,7 @@ def _blocks(found: Places, plan: AnalysisPlan) -> Iterator[Block]:
         f" distance.{off}"
     )
     if found.differences:
-        yield TableBlock.each(
-            "Exploratory: the primary result by place",
-            found.differences,
-            ("Result", "l c", lambda one: one.what),
-            ("Lab", "", lambda one: placed(one.lab, one.lab.value)),
-            (plan.limits, "n", lambda one: number_range(one.lab.lower, one.lab.upper)),
-            ("Browser", "", lambda one: placed(one.browser, one.browser.value)),
-            (plan.limits, "n", lambda one: number_range(one.browser.lower, one.browser.upper)),
-            ("Browser - lab", "strong", lambda one: placed(one, one.difference)),
-            (plan.limits, "n", lambda one: number_range(one.lower, one.upper)),
-        )
+        yield _differences(found, plan).block()
         yield Paragraph(
             "Nobody was assigned to a place by chance: people, screens and rooms differ with it."
             " Limits that hold 0 do not show that places agree."

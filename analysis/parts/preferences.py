@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import attrgetter
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -25,12 +26,19 @@ from analysis.parts.people import shares_figure
 from analysis.parts.shared import planned_family
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import forest_plot, preference_bars
+from analysis.report.result_table import (
+    ResultColumn,
+    ResultTable,
+    attribute,
+    limits,
+    p_value,
+    within,
+)
+from analysis.report.values import frame_of
 from analysis.report.wording import (
     big,
     leading,
     level_text,
-    number,
-    p_number,
     p_text,
     share,
     share_range,
@@ -45,7 +53,6 @@ from protocols.blocks import (
     FigurePlace,
     Paragraph,
     Section,
-    TableBlock,
     strong,
 )
 from protocols.errors import count_of
@@ -193,7 +200,6 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
             headline = apa_preference(primary, plan, adjusted=False)
             sentences.insert(0, f"Primary comparison: {headline}")
             lead = _lead(primary, headline, plan)
-        rows = [cell.row() | {"warnings": "; ".join(cell.warnings)} for cell in cells]
         return Presentation(
             lead=lead,
             headline=headline,
@@ -208,7 +214,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
             ),
             sentences=sentences,
             methods=_methods(plan),
-            tables={"preferences.csv": pd.DataFrame(rows), "shares.csv": _shares(found)},
+            tables={"preferences.csv": frame_of(cells), "shares.csv": _shares(found)},
             figures=tuple(_figures(found, plan)),
         )
 
@@ -329,20 +335,20 @@ def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
         return plan.named(cell.method, cell.against, cell.size)
 
     yield FigurePlace("preference")
-    yield TableBlock.each(
+    yield ResultTable.of(
         f"Every comparison, p by {TESTS[plan.test][0]}{over}",
         cells,
-        ("Comparison", "l c", name),
-        ("Chosen", "n", lambda c: f"{c.answers.chosen} / {c.answers.trials}"),
-        ("Share", "strong", lambda c: share(c.estimate.share)),
-        (level, "n", lambda c: share_range(c.estimate.lower, c.estimate.upper)),
-        ("t(df)", "n", lambda c: t_number(c.test.t, c.test.df)),
-        ("p", "n", lambda c: p_number(c.test.p)),
-        ("p adj.", "n", lambda c: p_number(c.test.p_adjusted)),
-        ("h", "", lambda c: number(c.estimate.cohens_h)),
-        ("OR", "n", lambda c: big(c.estimate.odds_ratio)),
-        ("Result", "l", lambda c: verdict(c, plan)),
-    )
+        ResultColumn("Comparison", "l c", name),
+        ResultColumn("Chosen", "n", lambda c: f"{c.answers.chosen} / {c.answers.trials}"),
+        attribute("Share", "estimate.share", share, "strong"),
+        *within(attrgetter("estimate"), (limits(level, share_range),)),
+        ResultColumn("t(df)", "n", lambda c: t_number(c.test.t, c.test.df)),
+        p_value("p", "test.p"),
+        p_value("p adj.", "test.p_adjusted"),
+        attribute("h", "estimate.cohens_h"),
+        attribute("OR", "estimate.odds_ratio", big, "n"),
+        ResultColumn("Result", "l", lambda c: verdict(c, plan)),
+    ).block()
     yield Paragraph(
         "p adj. decides: p corrected for the number of comparisons. Limits leave out .5"
         " exactly where p is small. t(df): clustered score test of the share against .5; p"
@@ -351,22 +357,22 @@ def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
         " .5 medium, .8 large. OR: odds of choosing the first method, 1 at .5.",
         muted=True,
     )
-    yield TableBlock.each(
+    yield ResultTable.of(
         "Beside it: sign-flip test with its floor, equivalence, and the papers' pooled exact test",
         cells,
-        ("Comparison", "l c", name),
-        ("eff. n", "", lambda c: f"{c.estimate.effective_n:.0f}"),
-        ("Sign-flip p", "n", lambda c: p_number(c.sensitivity.sign_flip_p)),
-        ("Floor", "", lambda c: f"{c.sensitivity.sign_flip_floor:.2g}"),
-        (f"TOST p adj. (±{margin})", "n", lambda c: p_number(c.equivalence.p_adjusted)),
-        ("SD of participants", "", lambda c: share(c.answers.participant_sd)),
-        ("Pooled exact p", "n", lambda c: p_number(c.sensitivity.exact_p)),
-        (
+        ResultColumn("Comparison", "l c", name),
+        attribute("eff. n", "estimate.effective_n", "{:.0f}".format),
+        p_value("Sign-flip p", "sensitivity.sign_flip_p"),
+        attribute("Floor", "sensitivity.sign_flip_floor", "{:.2g}".format),
+        p_value(f"TOST p adj. (±{margin})", "equivalence.p_adjusted"),
+        attribute("SD of participants", "answers.participant_sd", share),
+        p_value("Pooled exact p", "sensitivity.exact_p"),
+        ResultColumn(
             "Clopper-Pearson",
             "n",
             lambda c: share_range(c.sensitivity.exact_lower, c.sensitivity.exact_upper),
         ),
-    )
+    ).block()
     yield Paragraph(
         "eff. n: so many independent trials would tell as much. Sign-flip: a test of the"
         " participants' own shares that assumes no normal law; with so few people p cannot fall"

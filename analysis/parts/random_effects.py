@@ -5,6 +5,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 from typing import Any, ClassVar, TypeVar
 
 import pandas as pd
@@ -13,8 +14,16 @@ from numpy.random import Generator
 from analysis.models.mixed.deviations import MOST_PROFILED, Deviation
 from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, Presentation
 from analysis.plots.trial_plots import caterpillar_plot
+from analysis.report.result_table import (
+    ResultColumn,
+    ResultTable,
+    attribute,
+    estimated,
+    limits,
+    within,
+)
 from analysis.report.wording import level_text, number_range, placed, share
-from protocols.blocks import FigurePlace, Paragraph, TableBlock
+from protocols.blocks import FigurePlace, Paragraph
 
 P = TypeVar("P", bound=AnalysisPlan, contravariant=True)
 
@@ -79,17 +88,28 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
         name = self.name
         drawn = [(model, own) for model, own in rows if own.levels]
         several = any(model for model, _ in rows)
+        table = ResultTable.of(
+            f"Random effects of {self.about}",
+            rows,
+            ResultColumn(
+                "Model",
+                "l c",
+                (lambda row: row[0]) if several else None,
+                lambda row: {"model": row[0]},
+            ),
+            *within(
+                itemgetter(1),
+                (
+                    attribute("Of", "name", str, "l"),
+                    estimated(f"SD, {self.unit}", "sd"),
+                    limits(plan.limits),
+                    attribute("ICC", "icc", share),
+                ),
+            ),
+        )
         return Presentation(
             blocks=(
-                TableBlock.each(
-                    f"Random effects of {self.about}",
-                    rows,
-                    *([("Model", "l c", lambda one: one[0])] if several else []),
-                    ("Of", "l", lambda one: one[1].name),
-                    (f"SD, {self.unit}", "strong", lambda one: placed(one[1], one[1].sd)),
-                    (plan.limits, "n", lambda one: number_range(one[1].lower, one[1].upper)),
-                    ("ICC", "", lambda one: share(one[1].icc)),
-                ),
+                table.block(),
                 Paragraph(
                     "Limits: where the profile likelihood falls as far as chi-square (1) allows."
                     " ICC: share of the variance of one answer on the model's scale"
@@ -110,7 +130,7 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
                 " likelihood."
             ),
             tables={
-                f"{name}.csv": _deviations(rows),
+                f"{name}.csv": table.frame(),
                 **({f"{name}_levels.csv": _levels(drawn)} if drawn else {}),
             },
             figures=[
@@ -131,13 +151,6 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
             if drawn
             else [],
         )
-
-
-def _deviations(rows: Sequence[tuple[str, Deviation]]) -> pd.DataFrame:
-    columns = ("name", "sd", "lower", "upper", "icc")
-    return pd.DataFrame(
-        [{"model": model} | {c: getattr(own, c) for c in columns} for model, own in rows]
-    )
 
 
 def _levels(rows: Sequence[tuple[str, Deviation]]) -> pd.DataFrame:

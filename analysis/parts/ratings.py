@@ -1,7 +1,7 @@
 """Ordered ratings, or graded comparisons of pairs: a cumulative-link mixed model."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, TypeVar
@@ -11,8 +11,13 @@ import pandas as pd
 from scipy.special import ndtri
 
 from analysis.answers import SimulatedAnswers
-from analysis.data_dictionary import frame_of
-from analysis.models.ordinal import RatingDifference, RatingModel, paired_ratings, rating_model
+from analysis.models.ordinal import (
+    RatedCondition,
+    RatingDifference,
+    RatingModel,
+    paired_ratings,
+    rating_model,
+)
 from analysis.parts import Estimate, PartFigure, Presentation, SimplePart, Tests
 from analysis.parts.margins import (
     contrast_sentences,
@@ -21,14 +26,11 @@ from analysis.parts.margins import (
     means_table,
 )
 from analysis.parts.shared import (
-    RATIOS,
-    TESTED,
     apa_test,
     between,
     compared,
     decides,
     decisive,
-    limits,
     mean_differences_p,
     pairs_in,
     ratio_told,
@@ -37,6 +39,17 @@ from analysis.parts.shared import (
 from analysis.plans.rating_plan import RatingPlan
 from analysis.plots.tasks import ratings_plot
 from analysis.repeat import lme4_effects, scripts
+from analysis.report.result_table import (
+    RATIOS,
+    T_DF,
+    TESTED,
+    ResultColumn,
+    ResultTable,
+    attribute,
+    estimated,
+    limits,
+)
+from analysis.report.values import frame_of
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     by_how_much,
@@ -47,13 +60,12 @@ from analysis.report.wording import (
     number_range,
     placed,
     share,
-    t_number,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Block, Box, Cautions, FigurePlace, Paragraph, Section, TableBlock
+from protocols.blocks import Block, Box, Cautions, FigurePlace, Paragraph, Section
 from protocols.tasks.rates import name_of
 
-T = TypeVar("T", int, float)
+T = TypeVar("T")
 
 EACH_SHOWN = 11
 """More ratings than so many, as of a slider, are told by quartiles."""
@@ -148,7 +160,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
     def show(self, found: RatingResults, plan: RatingPlan) -> Presentation:
         """Return places, comparisons, people, and the clearest comparison before all."""
         model, pairs = found.model, not plan.by
-        holm = plan.correction == "holm"
+        places, holm = _places(model, plan), plan.correction == "holm"
         own = [decisive(one, adjusted=False) for one in model.contrasts]
         first = model.contrasts[min(range(len(own)), key=lambda k: (math.isnan(own[k]), own[k]))]
         count = sum(decides(one, plan) < plan.alpha for one in model.contrasts)
@@ -170,14 +182,14 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
                 ),
             ),
             headline=apa_rating(first, model, plan.bootstrap_draws),
-            blocks=_blocks(model, plan),
+            blocks=_blocks(model, places, plan),
             further=(Section("people", "Participants", "Participants", _people(found)),),
             sentences=(
                 *(apa_rating(one, model, plan.bootstrap_draws) for one in model.contrasts),
                 *contrast_sentences(model.margins, plan, _unit(model)),
             ),
             methods=_methods(found, plan),
-            tables=_tables(model, pairs=pairs),
+            tables=_tables(model, places),
             scripts={} if pairs else _scripts(model, plan),
             figures=(
                 PartFigure("ratings", caption, partial(ratings_plot, model, shares=not pairs)),
@@ -228,38 +240,46 @@ def _methods(found: RatingResults, plan: RatingPlan) -> str:
     )
 
 
-def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
+def _places(model: RatingModel, plan: RatingPlan) -> ResultTable[RatedCondition]:
+    columns: list[ResultColumn[RatedCondition]] = [
+        attribute("Condition", "condition", str, "l c"),
+        attribute("Ratings", "ratings", str),
+        estimated("Place", "place"),
+        limits(plan.limits),
+    ]
+    if plan.by:
+        columns += [
+            attribute("Mean", "mean_rating"),
+            *_steps(model, _shares_of, share),
+            ResultColumn("", "", None, partial(_shares, model)),
+        ]
+    caption = f"Places on the latent axis, {_unit(model)} from the first"
+    return ResultTable(caption, model.conditions, columns)
+
+
+def _shares_of(one: RatedCondition) -> tuple[float, ...]:
+    return one.shares
+
+
+def _shares(model: RatingModel, one: RatedCondition) -> dict[str, object]:
+    names = (f"share_{name}" for name in model.categories)
+    return dict(zip(names, one.shares, strict=True))
+
+
+def _blocks(
+    model: RatingModel, places: ResultTable[RatedCondition], plan: RatingPlan
+) -> tuple[Block, ...]:
     pairs, unit = not plan.by, _unit(model)
-    places = TableBlock.of(
-        f"Places on the latent axis, {unit} from the first",
-        (
-            ("Condition", "l c"),
-            ("Ratings", ""),
-            ("Place", "strong"),
-            (plan.limits, "n"),
-            *([] if pairs else [("Mean", ""), *_steps(model)]),
-        ),
-        [
-            (
-                one.condition,
-                str(one.ratings),
-                placed(one, one.place),
-                number_range(one.lower, one.upper),
-                *([] if pairs else [number(one.mean_rating), *_told(model, one.shares, share)]),
-            )
-            for one in model.conditions
-        ],
-    )
-    differences = TableBlock.each(
+    differences = ResultTable.of(
         "Comparisons",
         model.contrasts,
         compared(plan),
-        (f"Difference, {unit}", "strong", lambda one: placed(one, one.difference)),
+        estimated(f"Difference, {unit}", "difference"),
         limits(plan.limits),
         *RATIOS,
-        ("t(df)", "n", lambda one: t_number(one.t, one.df)),
+        T_DF,
         *TESTED[1:],
-        ("Rated higher", "", lambda one: share(one.superiority)),
+        attribute("Rated higher", "superiority", share),
     )
     told = (
         "Ratings cut a latent axis at thresholds (cumulative-link mixed model). Place: where a"
@@ -279,8 +299,8 @@ def _blocks(model: RatingModel, plan: RatingPlan) -> tuple[Block, ...]:
     middle = f"Means on the latent axis, {unit} from the middle of all thresholds"
     return (
         FigurePlace("ratings"),
-        places,
-        differences,
+        places.block(),
+        differences.block(),
         *means_table(middle, model.margins, plan),
         *contrasts_table(model.margins, plan, unit),
         Paragraph(told, muted=True),
@@ -292,12 +312,25 @@ def _many(model: RatingModel) -> bool:
     return len(model.categories) > EACH_SHOWN
 
 
-def _steps(model: RatingModel) -> list[tuple[str, str]]:
-    """Return columns of the ratings, or of their quartiles where there are many."""
-    return [(name, "") for name in (QUARTILES if _many(model) else model.categories)]
+def _steps(
+    model: RatingModel, often: Callable[[T], Sequence[float]], text: Callable[[float], str]
+) -> Iterator[ResultColumn[T]]:
+    """Yield columns of the ratings, or of their quartiles where there are many."""
+    for place, name in enumerate(QUARTILES if _many(model) else model.categories):
+        yield ResultColumn(name, "", partial(_step, model, often, text, place))
 
 
-def _told(model: RatingModel, often: Sequence[T], text: Callable[[T], str]) -> list[str]:
+def _step(
+    model: RatingModel,
+    often: Callable[[T], Sequence[float]],
+    text: Callable[[float], str],
+    place: int,
+    row: T,
+) -> str:
+    return _told(model, often(row), text)[place]
+
+
+def _told(model: RatingModel, often: Sequence[float], text: Callable[[float], str]) -> list[str]:
     """Return counts or shares of the ratings, or the quartiles where there are many."""
     if not _many(model):
         return [text(one) for one in often]
@@ -309,13 +342,12 @@ def _told(model: RatingModel, often: Sequence[T], text: Callable[[T], str]) -> l
 def _people(found: RatingResults) -> tuple[Block, ...]:
     model = found.model
     return (
-        TableBlock.of(
-            "Ratings by participant, quartiles"
-            if _many(model)
-            else "Ratings by participant, in numbers",
-            (("Participant", "l"), *_steps(model)),
-            [(who, *_told(model, counts, str)) for who, counts in found.levels.items()],
-        ),
+        ResultTable.of(
+            f"Ratings by participant, {'quartiles' if _many(model) else 'in numbers'}",
+            [*found.levels],
+            ResultColumn("Participant", "l", str),
+            *_steps(model, found.levels.__getitem__, "{:.0f}".format),
+        ).block(),
         Paragraph(
             "People use a scale in their own ways; the model takes a person who rates everything"
             " higher as just that. One who gave a single rating tells nothing.",
@@ -333,27 +365,11 @@ def _scripts(model: RatingModel, plan: RatingPlan) -> dict[str, str]:
     )
 
 
-def _tables(model: RatingModel, *, pairs: bool) -> dict[str, pd.DataFrame]:
-    lines: list[dict[str, object]] = []
-    for one in model.conditions:
-        line: dict[str, object] = {"condition": one.condition, "ratings": one.ratings}
-        line |= {"place": one.place, "lower": one.lower, "upper": one.upper}
-        if not pairs:
-            line["mean_rating"] = one.mean_rating
-            line |= {
-                f"share_{name}": value
-                for name, value in zip(model.categories, one.shares, strict=True)
-            }
-        lines.append(line)
+def _tables(model: RatingModel, places: ResultTable[RatedCondition]) -> dict[str, pd.DataFrame]:
+    cuts = {"below": model.used[:-1], "above": model.used[1:], "threshold": model.thresholds}
     return {
-        "ratings.csv": pd.DataFrame(lines),
-        "comparisons.csv": frame_of(RatingDifference, model.contrasts),
+        "ratings.csv": places.frame(),
+        "comparisons.csv": frame_of(model.contrasts),
         **margin_tables(model.margins, "ratings"),
-        "thresholds.csv": pd.DataFrame(
-            {
-                "below": model.used[:-1],
-                "above": model.used[1:],
-                "threshold": model.thresholds,
-            }
-        ),
+        "thresholds.csv": pd.DataFrame(cuts),
     }

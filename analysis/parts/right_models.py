@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +12,7 @@ import pandas as pd
 from scipy.special import expit
 
 from analysis.arrays import Floats
-from analysis.models.logistic import ModelFit, ModelsBeside, models_beside
+from analysis.models.logistic import Coefficient, ModelFit, ModelsBeside, models_beside
 from analysis.models.mixed.marginal_means import NO_MARGINS, Margins, margins
 from analysis.parts import Presentation, SimplePart
 from analysis.parts.margins import (
@@ -20,9 +21,23 @@ from analysis.parts.margins import (
     margin_tables,
     means_table,
 )
-from analysis.parts.shared import bootstrapped, law_of_mixed, pairs_in, rows_of, sd_text
+from analysis.parts.shared import (
+    GroupedRow,
+    bootstrapped,
+    law_of_mixed,
+    pairs_in,
+    rows_of,
+    sd_text,
+)
 from analysis.plans.rate_plan import RatePlan, baseline_in, shown_in
 from analysis.repeat import lme4_effects, scripts
+from analysis.report.result_table import (
+    ResultColumn,
+    ResultTable,
+    attribute,
+    limits,
+    p_value,
+)
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     big,
@@ -35,7 +50,7 @@ from analysis.report.wording import (
     t_text,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Cautions, Paragraph, TableBlock, grouped
+from protocols.blocks import Cautions, Paragraph, grouped
 
 
 @dataclass(frozen=True)
@@ -98,23 +113,10 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
         """Return the three beside each other, and the mixed one's terms as sentences."""
         groups, formula = found.groups, found.independent.formula
         random = "as crossed" if len(groups) > 1 else f"{groups[0]}s as"
-        terms = rows_of((one, one[1].coefficients) for one in found.fits)
+        terms = _terms(found)
         return Presentation(
             blocks=(
-                TableBlock.each(
-                    f"Logistic models of right answers, {formula}",
-                    terms,
-                    ("Errors", "l", lambda row: row[0][0] * row[2]),
-                    ("Term", "l", lambda row: row[1].term),
-                    ("b", "", lambda row: number(row[1].estimate, 3)),
-                    ("LR p", "strong n", lambda row: p_number(row[1].ratio_p)),
-                    ("SE", "", lambda row: number(row[1].standard_error, 3)),
-                    ("Statistic", "", lambda row: number(row[1].statistic)),
-                    ("Law", "", lambda row: law(row[1].df, row[1].statistic)),
-                    ("p", "n", lambda row: p_number(row[1].p)),
-                    ("OR", "", lambda row: big(row[1].odds_ratio)),
-                    ("Random SD", "l", lambda row: sd_text(row[0][1].random_sd) * row[2]),
-                ),
+                terms.block(),
                 Paragraph(
                     "b: logarithm of the odds (OR) of a right answer. The first takes trials as"
                     " independent, as papers print it; the second clusters its errors by"
@@ -130,12 +132,10 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
                     f"Marginal means, logits{' at the mean level' * (plan.level is not None)}",
                     found.margins,
                     plan,
-                    ("Share right", "strong", lambda one: share(float(expit(one.value)))),
-                    (
-                        plan.limits,
-                        "n",
-                        lambda one: share_range(*map(float, expit([one.lower, one.upper]))),
+                    ResultColumn(
+                        "Share right", "strong", lambda one: share(float(expit(one.value)))
                     ),
+                    limits(plan.limits, lambda *ends: share_range(*map(float, expit(ends)))),
                 ),
                 *contrasts_table(found.margins, plan, "logits"),
                 Cautions(
@@ -158,11 +158,36 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
                 f" between them, by {law_of_mixed(scenes=len(groups) > 1)}."
             ),
             tables={
-                "models.csv": pd.DataFrame([{"errors": one[0], **vars(c)} for one, c, _ in terms]),
+                "models.csv": terms.frame(),
                 **margin_tables(found.margins, "models"),
             },
             scripts=_scripts(found, plan),
         )
+
+
+def _terms(found: RightModels) -> ResultTable[GroupedRow[tuple[str, ModelFit], Coefficient]]:
+    return ResultTable.of(
+        f"Logistic models of right answers, {found.independent.formula}",
+        rows_of((one, one[1].coefficients) for one in found.fits),
+        ResultColumn(
+            "Errors",
+            "l",
+            lambda row: row.group[0] * row.first,
+            lambda row: {"errors": row.group[0], **vars(row.entry)},
+        ),
+        attribute("Term", "entry.term", str, "l"),
+        attribute("b", "entry.estimate", _of_three),
+        attribute("LR p", "entry.ratio_p", p_number, "strong n"),
+        attribute("SE", "entry.standard_error", _of_three),
+        attribute("Statistic", "entry.statistic"),
+        ResultColumn("Law", "", lambda row: law(row.entry.df, row.entry.statistic)),
+        p_value("p", "entry.p"),
+        ResultColumn("OR", "", lambda row: big(row.entry.odds_ratio)),
+        ResultColumn("Random SD", "l", lambda row: sd_text(row.group[1].random_sd) * row.first),
+    )
+
+
+_of_three = partial(number, digits=3)
 
 
 def _term(plan: RatePlan) -> FamilyOfTests:

@@ -1,17 +1,16 @@
 """Quality in JOD: Thurstone's scale of the methods, and whether answers fit on one axis."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 
 from analysis import SEED
 from analysis.arrays import Floats
-from analysis.data_dictionary import frame_of
 from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
 from analysis.models.compared_methods import as_numbers, numbered
 from analysis.models.consistency import (
@@ -30,21 +29,51 @@ from analysis.parts import PartFigure, Presentation, SimplePart, tried
 from analysis.parts.shared import adjusted
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
+from analysis.report.result_table import (
+    P_VALUE,
+    ResultColumn,
+    ResultTable,
+    attribute,
+    estimated,
+    limits,
+    p_value,
+)
+from analysis.report.values import frame_of
 from analysis.report.wording import (
     by_how_much,
     df_text,
     leading,
     number,
     number_range,
-    p_number,
     p_text,
     placed,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, TableBlock, grouped
+from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, grouped
 from protocols.errors import count_of
 
 BOOTSTRAP_SAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class MethodScore:
+    """The score of a method at a size, with limits."""
+
+    method: str
+    jod: float
+    lower: float
+    upper: float
+    standard_error: float
+    size: str
+
+
+@dataclass(frozen=True)
+class SizedContrast(Contrast):
+    """A contrast at a size, with limits."""
+
+    lower: float = math.nan
+    upper: float = math.nan
+    size: str = ""
 
 
 @dataclass(frozen=True)
@@ -62,29 +91,26 @@ class SizeScale:
     warnings: tuple[str, ...]
     order: OrderEffect | None = None
 
-    def scores(self) -> pd.DataFrame:
-        """Return methods with ``jod``, ``lower``, ``upper``, ``standard_error``; NaN: none."""
-        limits, none = self.intervals, np.full(len(self.scale.conditions), np.nan)
-        return pd.DataFrame(
-            {
-                "method": self.scale.conditions,
-                "jod": self.scale.scores,
-                "lower": none if limits is None else limits.lower,
-                "upper": none if limits is None else limits.upper,
-                "standard_error": none if limits is None else limits.standard_error,
-            }
-        )
+    def scores(self) -> list[MethodScore]:
+        """Return the methods; limits of none are NaN."""
+        limits, names = self.intervals, self.scale.conditions
+        nothing = np.full((3, len(names)), np.nan)
+        ends = nothing if limits is None else (limits.lower, limits.upper, limits.standard_error)
+        rows = np.column_stack([self.scale.scores, *ends]).tolist()
+        return [
+            MethodScore(name, jod, lower, upper, error, self.size)
+            for name, (jod, lower, upper, error) in zip(names, rows, strict=True)
+        ]
 
-    def differences(self) -> pd.DataFrame:
-        """Return contrasts with ``lower`` and ``upper``, and NaN in place of None."""
-        own = {"clustered_p": float, "clustered_p_adjusted": float}
-        found, names = frame_of(Contrast, self.contrasts).astype(own), self.scale.conditions
-        place = tuple([names.index(name) for name in found[side]] for side in ("first", "second"))
-        limits = self.intervals
-        return found.assign(
-            lower=np.nan if limits is None else limits.difference_lower[place],
-            upper=np.nan if limits is None else limits.difference_upper[place],
-        )
+    def differences(self) -> list[SizedContrast]:
+        """Return contrasts with their limits."""
+        names, limits, found = self.scale.conditions, self.intervals, []
+        for one in self.contrasts:
+            place, ends = (names.index(one.first), names.index(one.second)), (math.nan, math.nan)
+            if limits is not None:
+                ends = float(limits.difference_lower[place]), float(limits.difference_upper[place])
+            found.append(SizedContrast(**vars(one), lower=ends[0], upper=ends[1], size=self.size))
+        return found
 
 
 @dataclass(frozen=True)
@@ -128,13 +154,10 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
             f" {100 * plan.confidence:g} % bootstrap limits."
         )
         scales = {one.size: (one.scale, one.intervals) for one in found.sizes}
-        tables = {
-            name: pd.concat([make(one).assign(size=one.size) for one in found.sizes])
-            for name, make in (
-                ("scale.csv", SizeScale.scores),
-                ("scale_differences.csv", SizeScale.differences),
-            )
-        }
+        scores, gaps = (
+            [row for one in found.sizes for row in made(one)]
+            for made in (SizeScale.scores, SizeScale.differences)
+        )
         return Presentation(
             blocks=tuple(_blocks(found, plan)),
             sentences=tuple(_sentences(found, plan)),
@@ -143,7 +166,7 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
                 " estimated by maximum likelihood under Thurstone's Case V, with two-way bootstrap"
                 " intervals over participants and scenes."
             ),
-            tables=tables,
+            tables={"scale.csv": frame_of(scores), "scale_differences.csv": frame_of(gaps)},
             figures=(PartFigure("scale", caption, partial(jod_plot, scales, label=plan.label)),),
         )
 
@@ -155,12 +178,15 @@ def _family(methods: int) -> FamilyOfTests:
 def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
     level = f"{100 * plan.confidence:g}% CI"
     for size in found.sizes:
-        for one in size.differences().to_dict("records"):
-            p, also = one["clustered_p"], one["clustered_p_adjusted"]
+        for one in size.differences():
+            p, also = (
+                math.nan if own is None else own
+                for own in (one.clustered_p, one.clustered_p_adjusted)
+            )
             yield (
-                f"{plan.label(one['first'])} minus {plan.label(one['second'])}"
-                f"{plan.at(size.size, ' ({})')}: {_value(one, 'difference')} {size.scale.unit},"
-                f" {level} {number_range(one['lower'], one['upper'])},"
+                f"{plan.label(one.first)} minus {plan.label(one.second)}"
+                f"{plan.at(size.size, ' ({})')}: {placed(one, one.difference)} {size.scale.unit},"
+                f" {level} {number_range(one.lower, one.upper)},"
                 f" {p_text(p)}{adjusted(p, also, 'two-way bootstrap')}."
             )
         if (order := size.order) is not None:
@@ -170,14 +196,6 @@ def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
                 f"{plan.at(size.size, ' ({})')}: difference {placed(order, order.value)}, {level}"
                 f" {number_range(order.lower, order.upper)}, {p_text(order.p)} (two-way bootstrap)."
             )
-
-
-def _score(place: int, one: OrderEffect) -> str:
-    return number(one.scores[place])
-
-
-def _value(one: Mapping[Any, Any], name: str) -> str:
-    return number(one[name], within=(one["lower"], one["upper"]))
 
 
 def ordered_votes(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
@@ -268,40 +286,40 @@ def _clustered(
 
 
 def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
-    level, label = plan.limits, plan.label
+    label = plan.label
     yield FigurePlace("scale")
     for size in found.sizes:
         if plan.sized:
             yield Heading(plan.at(size.size, whole="All sizes"))
-        yield TableBlock.each(
+        yield ResultTable.of(
             "Thurstone Case V, mean zero",
-            size.scores().to_dict("records"),
-            ("Method", "l", lambda one: label(one["method"])),
-            ("JOD", "strong", lambda one: _value(one, "jod")),
-            (level, "n", lambda one: number_range(one["lower"], one["upper"])),
-            ("bootstrap SE", "", lambda one: number(one["standard_error"])),
-        )
-        yield TableBlock.each(
+            size.scores(),
+            attribute("Method", "method", label, "l"),
+            estimated("JOD", "jod"),
+            limits(plan.limits),
+            attribute("bootstrap SE", "standard_error"),
+        ).block()
+        yield ResultTable.of(
             "Differences; limits and p by bootstrap of participants and scenes, p adj. by Holm",
-            size.differences().to_dict("records"),
-            ("Methods", "l", lambda one: f"{label(one['first'])} - {label(one['second'])}"),
-            ("JOD", "strong", lambda one: _value(one, "difference")),
-            (level, "n", lambda one: number_range(one["lower"], one["upper"])),
-            ("p", "n", lambda one: p_number(one["clustered_p"])),
-            ("p adj.", "n", lambda one: p_number(one["clustered_p_adjusted"])),
-        )
+            size.differences(),
+            ResultColumn("Methods", "l", lambda one: f"{label(one.first)} - {label(one.second)}"),
+            estimated("JOD", "difference"),
+            limits(plan.limits),
+            p_value("p", "clustered_p"),
+            p_value("p adj.", "clustered_p_adjusted"),
+        ).block()
         if size.order is not None:
-            yield TableBlock.each(
+            yield ResultTable.of(
                 "Order effect in favour of the first, and scores beside it, JOD",
                 [size.order],
-                ("First - second", "strong", lambda one: placed(one, one.value)),
-                (level, "n", lambda one: number_range(one.lower, one.upper)),
-                ("p", "n", lambda one: p_number(one.p)),
+                estimated("First - second", "value"),
+                limits(plan.limits),
+                P_VALUE,
                 *(
-                    (label(name), "", partial(_score, place))
+                    ResultColumn(label(name), "", partial(_score, place))
                     for place, name in enumerate(size.scale.conditions)
                 ),
-            )
+            ).block()
         yield Paragraph(" ".join(_checks(size, plan)), muted=True)
     notes = [
         (
@@ -314,6 +332,10 @@ def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
         for one in found.sizes
     ]
     yield Cautions("When not to trust these scales", grouped(notes))
+
+
+def _score(place: int, one: OrderEffect) -> str:
+    return number(one.scores[place])
 
 
 def _checks(one: SizeScale, plan: PreferencePlan) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Sensitivity by detection theory: d' by condition, criterion and bias, and what differs."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
@@ -11,7 +11,6 @@ import pandas as pd
 
 from analysis.answers import SimulatedAnswers
 from analysis.arrays import Bools, Floats
-from analysis.data_dictionary import frame_of
 from analysis.models.cells import grid
 from analysis.models.clustered import holm, two_way_of_first
 from analysis.models.contrasts import Difference, pairs_of
@@ -30,8 +29,6 @@ from analysis.models.right_answers import Influence, Rate, rate, share_influence
 from analysis.parts import Estimate, PartFigure, Presentation, SimplePart, Tests, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
 from analysis.parts.shared import (
-    P,
-    TableColumn,
     alone,
     apa_difference,
     condition,
@@ -39,20 +36,28 @@ from analysis.parts.shared import (
     difference_tables,
     estimate,
     in_order,
-    limits,
     planned_family,
     sd_text,
     told_apart,
 )
 from analysis.plans.rate_plan import RatePlan, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
-from analysis.report.values import flat_table
+from analysis.report.result_table import (
+    P_VALUE,
+    ResultColumn,
+    ResultTable,
+    attribute,
+    estimated,
+    limits,
+    p_value,
+    within,
+)
+from analysis.report.values import frame_of
 from analysis.report.wording import (
     NONE,
     level_text,
     number,
     number_range,
-    p_number,
     p_text,
     placed,
     share,
@@ -60,7 +65,7 @@ from analysis.report.wording import (
     t_text,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock, grouped
+from protocols.blocks import Cautions, FigurePlace, Paragraph, grouped
 
 TRUST = "When not to trust these sensitivities"
 
@@ -169,6 +174,7 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
         label, cells = plan.label, found.conditions
         answer = label(cells[0].bias_answer)
         compared = [one for _, several in found.measures for one in several]
+        table = _yes_no_table(found, plan)
         figures = [
             PartFigure(
                 "detection",
@@ -189,23 +195,7 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
             blocks=(
                 FigurePlace("detection"),
                 FigurePlace("sensitivity"),
-                TableBlock.each(
-                    f'Hits and false alarms ("{answer}" where it was right, and where it was not)',
-                    cells,
-                    condition(plan),
-                    ("Hits", "n", lambda one: f"{one.hits} / {one.hits + one.misses}"),
-                    (
-                        "False alarms",
-                        "n",
-                        lambda one: (
-                            f"{one.false_alarms} / {one.false_alarms + one.correct_rejections}"
-                        ),
-                    ),
-                    *_measured("d'", lambda one: one.d_prime),
-                    *_measured("c", lambda one: one.criterion),
-                    (f'Share "{answer}"', "", lambda one: share(one.bias.share)),
-                    ("p", "n", lambda one: p_number(one.bias.p)),
-                ),
+                table.block(),
                 Paragraph(
                     "d': how far signal and noise lie apart, in standard deviations of the noise; p"
                     " against 0. c: where the criterion lies; negative: inclined to"
@@ -231,8 +221,8 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
             ),
             methods=methods_yes_no(found),
             tables={
-                "sensitivity.csv": flat_table(cells),
-                "sensitivity_differences.csv": frame_of(Difference, compared),
+                "sensitivity.csv": table.every_field(),
+                "sensitivity_differences.csv": frame_of(compared, Difference),
             },
             figures=figures,
         )
@@ -324,19 +314,38 @@ def _moved_d_prime(hits: Floats, signal: Floats, alarms: Floats, noise: Floats) 
     return d_prime_influence(hits, signal, alarms, noise, "log-linear")[0]
 
 
+def _yes_no_table(found: YesNoSensitivity, plan: RatePlan) -> ResultTable[YesNoCondition]:
+    answer = plan.label(found.conditions[0].bias_answer)
+    return ResultTable.of(
+        f'Hits and false alarms ("{answer}" where it was right, and where it was not)',
+        found.conditions,
+        condition(plan),
+        ResultColumn("Hits", "n", lambda one: f"{one.hits} / {one.hits + one.misses}"),
+        ResultColumn(
+            "False alarms",
+            "n",
+            lambda one: f"{one.false_alarms} / {one.false_alarms + one.correct_rejections}",
+        ),
+        *_measured("d'", lambda one: one.d_prime),
+        *_measured("c", lambda one: one.criterion),
+        attribute(f'Share "{answer}"', "bias.share", share),
+        p_value("p", "bias.p"),
+    )
+
+
 def _measured(
     title: str, of: Callable[[YesNoCondition], Measure | None]
-) -> tuple[TableColumn, TableColumn, TableColumn]:
-    """Return the columns of a quantity; none where it cannot be had."""
+) -> Iterator[ResultColumn[YesNoCondition]]:
+    """Yield the columns of a quantity; none where it cannot be had."""
 
-    def known(text: Callable[[Measure], str]) -> Callable[[YesNoCondition], str]:
-        return lambda one: NONE if (measure := of(one)) is None else text(measure)
+    def known(column: ResultColumn[Measure]) -> ResultColumn[Measure | None]:
+        text = column.text
+        return ResultColumn(
+            column.title, column.style, lambda one: NONE if one is None or not text else text(one)
+        )
 
-    return (
-        (title, "strong", known(lambda one: placed(one, one.value))),
-        ("Limits", "n", known(limits()[2])),
-        ("p", "n", known(P[2])),
-    )
+    columns: tuple[ResultColumn[Measure], ...] = (estimated(title, "value"), limits(), P_VALUE)
+    yield from within(of, map(known, columns))
 
 
 def apa_yes_no(one: YesNoCondition, *, name: str = "") -> str:
@@ -437,16 +446,17 @@ class TypicalPart(SimplePart[RatePlan, TypicalSensitivity]):
         ]
         return Presentation(
             blocks=(
-                TableBlock.each(
+                ResultTable.of(
                     "d' and criterion of the typical participant: probit mixed models",
                     found.fits,
-                    ("Condition", "l c", lambda one: plan.label(one[0])),
-                    ("d'", "strong", lambda one: number(one[1]["signal"].estimate)),
-                    ("SE", "", lambda one: number(one[1]["signal"].standard_error)),
-                    ("c", "strong", lambda one: number(-one[1]["Intercept"].estimate)),
-                    ("SE", "", lambda one: number(one[1]["Intercept"].standard_error)),
-                    ("Random SD", "l", lambda one: sd_text(one[1].random_sd)),
-                ),
+                    ResultColumn("Condition", "l c", lambda one: plan.label(one[0])),
+                    *(
+                        column
+                        for title, term, sign in (("d'", "signal", 1.0), ("c", "Intercept", -1.0))
+                        for column in _typical(title, term, sign)
+                    ),
+                    ResultColumn("Random SD", "l", lambda one: sd_text(one[1].random_sd)),
+                ).block(),
                 Cautions(
                     "When not to trust these mixed models",
                     grouped([(plan.label(name), fit.warnings) for name, fit in found.fits]),
@@ -466,6 +476,16 @@ class TypicalPart(SimplePart[RatePlan, TypicalSensitivity]):
             ),
             tables={"typical.csv": pd.DataFrame(lines)},
         )
+
+
+def _typical(
+    title: str, term: str, sign: float
+) -> tuple[ResultColumn[tuple[str, ModelFit]], ResultColumn[tuple[str, ModelFit]]]:
+    """Return the columns of a coefficient and its error."""
+    return (
+        ResultColumn(title, "strong", lambda one: number(sign * one[1][term].estimate)),
+        ResultColumn("SE", "", lambda one: number(one[1][term].standard_error)),
+    )
 
 
 @dataclass(frozen=True)
@@ -545,20 +565,21 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
     def show(self, found: ChoiceSensitivity, plan: RatePlan) -> Presentation:
         """Return d' by condition, and differences of shares."""
         label, cells = plan.label, found.conditions
+        table = ResultTable.of(
+            f"d' from shares of right answers ({found.rule})",
+            cells,
+            condition(plan),
+            attribute("Share", "correct.share", share),
+            estimated("d'", "d_prime"),
+            limits(plan.limits),
+            p_value("p", "correct.p"),
+        )
         caption = f"Sensitivity d' by condition with {plan.limits}."
         draw = partial(d_prime_plot, found, label=label)
         return Presentation(
             blocks=(
                 FigurePlace("sensitivity"),
-                TableBlock.each(
-                    f"d' from shares of right answers ({found.rule})",
-                    cells,
-                    condition(plan),
-                    ("Share", "", lambda one: share(one.correct.share)),
-                    ("d'", "strong", lambda one: placed(one, one.d_prime)),
-                    limits(plan.limits),
-                    ("p", "n", lambda one: p_number(one.correct.p)),
-                ),
+                table.block(),
                 Paragraph(
                     "d': how far the stimuli lie apart, in standard deviations of the noise, for an"
                     " observer who decides as the rule in brackets says. Limits and p are the"
@@ -571,7 +592,7 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
                         f'How often "{label(plan.answers[0])}" was answered, against one half',
                         (one,),
                         plan,
-                    )
+                    ).block()
                     for one in (found.answered,)
                     if one is not None
                 ),
@@ -583,8 +604,8 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
             ),
             methods=methods_discrimination(found),
             tables={
-                "sensitivity.csv": flat_table(cells),
-                "sensitivity_differences.csv": frame_of(Difference, found.contrasts),
+                "sensitivity.csv": table.every_field(),
+                "sensitivity_differences.csv": frame_of(found.contrasts, Difference),
             },
             figures=(PartFigure("sensitivity", caption, draw),),
         )

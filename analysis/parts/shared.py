@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, TypeAlias, TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -19,9 +20,16 @@ from analysis.parts import AnalysisPlan, Estimate
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
 from analysis.plans.rating_plan import RatingPlan
+from analysis.report.result_table import (
+    TESTED,
+    ResultColumn,
+    ResultTable,
+    attribute,
+    estimated,
+    limits,
+)
 from analysis.report.wording import (
     NONE,
-    df_text,
     level_text,
     number,
     number_range,
@@ -31,51 +39,28 @@ from analysis.report.wording import (
     t_text,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Cautions, TableBlock, grouped
+from protocols.blocks import Block, Cautions, grouped
 
 G = TypeVar("G")
 T = TypeVar("T")
-TableColumn: TypeAlias = tuple[str, str, Callable[[Any], str]]
-"""As `protocols.blocks.TableBlock.each` takes them."""
-
-P: TableColumn = ("p", "n", lambda one: p_number(one.p))
-TESTED: tuple[TableColumn, ...] = (
-    ("df", "", lambda one: df_text(one.df, one.t)),
-    P,
-    ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
-)
-"""Degrees of freedom and p of a comparison."""
-RATIOS: tuple[TableColumn, ...] = (
-    ("LR p", "n", lambda one: p_number(one.ratio_p)),
-    ("LR p adj.", "n", lambda one: p_number(one.ratio_p_adjusted)),
-)
-"""Likelihood ratios of a comparison by a mixed model, which stand before Wald's statistic."""
-
 
 Comparison: TypeAlias = Difference | RatingDifference | TimeRatio
-"""Of two conditions, with a t test, Holm-adjusted among others."""
+"""Comparison of two conditions, with a t test, Holm-adjusted among others."""
 
 
-def compared(plan: AnalysisPlan, sign: str = "-") -> TableColumn:
+def compared(plan: AnalysisPlan, sign: str = "-") -> ResultColumn[Comparison]:
     """Return the column that names what is compared."""
-    return "Conditions", "l c", lambda one: between(one, plan, sign)
+    return ResultColumn("Conditions", "l c", lambda one: between(one, plan, sign))
 
 
-def condition(plan: AnalysisPlan) -> TableColumn:
+def condition(plan: AnalysisPlan) -> ResultColumn[object]:
     """Return the column that names conditions."""
-    return "Condition", "l c", lambda one: plan.label(one.condition)
+    return attribute("Condition", "condition", plan.label, "l c")
 
 
 def between(one: Comparison, plan: AnalysisPlan, sign: str = "-") -> str:
     """Return the name of a comparison: ``ours - blur``."""
     return f"{plan.label(one.first)} {sign} {plan.label(one.second)}"
-
-
-def limits(
-    title: str = "Limits", text: Callable[[float, float], str] = number_range
-) -> TableColumn:
-    """Return the column of limits."""
-    return title, "n", lambda one: text(one.lower, one.upper)
 
 
 def decisive(one: Comparison, *, adjusted: bool = True) -> float:
@@ -134,9 +119,20 @@ def law_of_mixed(*, scenes: bool) -> str:
     return f"t with degrees of freedom {df}"
 
 
-def rows_of(groups: Iterable[tuple[G, Sequence[T]]]) -> list[tuple[G, T, bool]]:
-    """Return the rows of a table of groups: group, entry, and whether it is the group's first."""
-    return [(group, one, one is several[0]) for group, several in groups for one in several]
+@dataclass(frozen=True)
+class GroupedRow(Generic[G, T]):
+    """A row of a table of groups; the group is named in its first row."""
+
+    group: G
+    entry: T
+    first: bool
+
+
+def rows_of(groups: Iterable[tuple[G, Sequence[T]]]) -> list[GroupedRow[G, T]]:
+    """Return the rows of a table of groups."""
+    return [
+        GroupedRow(group, one, one is several[0]) for group, several in groups for one in several
+    ]
 
 
 def sd_text(deviations: Mapping[str, float]) -> str:
@@ -164,25 +160,21 @@ def pairs_in(cells: pd.DataFrame, plan: AnalysisPlan) -> list[tuple[str, str]]:
 
 def difference_tables(
     caption: str, found: Sequence[Difference], plan: AnalysisPlan
-) -> tuple[TableBlock | Cautions, ...]:
+) -> tuple[Block, ...]:
     """Return the table of differences, and whose p is held; nothing where there are none."""
     if not found:
         return ()
-    return (
-        TableBlock.each(
-            caption,
-            found,
-            compared(plan),
-            ("Difference", "strong", lambda one: placed(one, one.difference)),
-            limits(plan.limits),
-            ("SE", "", lambda one: number(one.standard_error)),
-            *TESTED,
-        ),
-        Cautions(
-            "About these differences",
-            grouped([(between(one, plan), (one.held,) if one.held else ()) for one in found]),
-        ),
+    table = ResultTable.of(
+        caption,
+        found,
+        compared(plan),
+        estimated("Difference", "difference"),
+        limits(plan.limits),
+        attribute("SE", "standard_error"),
+        *TESTED,
     )
+    held = grouped([(between(one, plan), (one.held,) if one.held else ()) for one in found])
+    return table.block(), Cautions("About these differences", held)
 
 
 def apa_difference(one: Difference, label: Callable[[str], str] = str) -> str:

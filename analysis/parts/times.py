@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from analysis.answers import SimulatedAnswers
-from analysis.data_dictionary import frame_of
 from analysis.models.mixed.reaction_model import NO_SPREAD, TimeModel, TimeRatio, time_model
 from analysis.models.reaction import ReactionTimes, participant_medians, reaction_times
 from analysis.parts import AnalysisPlan, PartFigure, Presentation, SimplePart, Tests, tried
@@ -21,12 +20,9 @@ from analysis.parts.margins import (
     margin_tables,
 )
 from analysis.parts.shared import (
-    RATIOS,
-    TESTED,
     apa_test,
     compared,
     law_of_mixed,
-    limits,
     mean_differences_p,
     pairs_in,
     ratio_told,
@@ -34,7 +30,16 @@ from analysis.parts.shared import (
 )
 from analysis.plots import reaction_plot
 from analysis.repeat import scripts
-from analysis.report.values import flat_table
+from analysis.report.result_table import (
+    RATIOS,
+    TESTED,
+    ResultColumn,
+    ResultTable,
+    attribute,
+    estimated,
+    limits,
+)
+from analysis.report.values import frame_of
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     level_text,
@@ -43,7 +48,7 @@ from analysis.report.wording import (
     placed,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Block, Cautions, FigurePlace, Paragraph, TableBlock
+from protocols.blocks import Block, Cautions, FigurePlace, Paragraph
 
 
 @dataclass(frozen=True)
@@ -122,10 +127,7 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
         )
         caption = f"Participants' median reaction times, and their mean with {plan.limits}."
         return Presentation(
-            blocks=(
-                *_summary(found, plan),
-                *_model(found.model, plan),
-            ),
+            blocks=(*_summary(found, plan), *_model(found.model, plan)),
             sentences=tuple(_sentences(found, plan)),
             methods=" ".join(_methods(found)),
             tables=_tables(found),
@@ -142,17 +144,19 @@ def _family(count: int, plan: AnalysisPlan) -> FamilyOfTests:
 def _summary(found: Times, plan: AnalysisPlan) -> Iterator[Block]:
     times, label = found.summary, plan.label
     yield FigurePlace("reaction")
-    yield TableBlock.each(
+    yield ResultTable.of(
         "Reaction times, s",
         times,
-        (plan.compared_title, "l", lambda t: label(t.condition)),
-        ("Answers", "", lambda t: str(t.answers)),
-        ("Median", "", lambda t: number(t.median)),
-        ("Quartiles", "n", lambda t: f"{number(t.quartile_low)} to {number(t.quartile_high)}"),
-        ("Trimmed mean", "", lambda t: number(t.trimmed_mean)),
-        ("Mean of medians", "", lambda t: number(t.mean_of_medians)),
+        attribute(plan.compared_title, "condition", label, "l"),
+        attribute("Answers", "answers", str),
+        attribute("Median", "median"),
+        ResultColumn(
+            "Quartiles", "n", lambda t: f"{number(t.quartile_low)} to {number(t.quartile_high)}"
+        ),
+        attribute("Trimmed mean", "trimmed_mean"),
+        attribute("Mean of medians", "mean_of_medians"),
         limits(),
-    )
+    ).block()
     yield Cautions.each("About these times", times, lambda t: label(t.condition))
 
 
@@ -160,24 +164,24 @@ def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
     if model is None:
         return
     sd = _deviations(model) | {"the rest": model.residual_sd}
-    yield TableBlock.each(
+    yield ResultTable.of(
         "Typical reaction times by a log-normal mixed model",
         model.times,
-        ("Condition", "l", lambda one: plan.label(one.condition)),
-        ("Answers", "", lambda one: str(one.answers)),
-        ("Typical, s", "strong", lambda one: placed(one, one.median_s)),
+        attribute("Condition", "condition", plan.label, "l"),
+        attribute("Answers", "answers", str),
+        estimated("Typical, s", "median_s"),
         limits(plan.limits),
-    )
+    ).block()
     if model.ratios:
-        yield TableBlock.each(
+        yield ResultTable.of(
             "Ratios of answer times",
             model.ratios,
             compared(plan, "/"),
-            ("Ratio", "strong", lambda one: placed(one, one.ratio)),
+            estimated("Ratio", "ratio"),
             limits(plan.limits),
             *RATIOS,
             *TESTED,
-        )
+        ).block()
     yield from contrasts_table(model.margins, plan, "ratio of times", exponent)
     yield Paragraph(
         f"Typical: the median answer of the median person. SD of ln s: {sd_text(sd)}. p adj.:"
@@ -255,9 +259,9 @@ def _scripts(model: TimeModel, plan: AnalysisPlan) -> dict[str, str]:
 
 
 def _tables(found: Times) -> dict[str, pd.DataFrame]:
-    tables = {"reaction.csv": flat_table(found.summary)}
+    tables = {"reaction.csv": frame_of(found.summary)}
     if found.model is not None:
-        tables["times.csv"] = pd.DataFrame([vars(one) for one in found.model.times])
-        tables["ratios.csv"] = frame_of(TimeRatio, found.model.ratios)
+        tables["times.csv"] = frame_of(found.model.times)
+        tables["ratios.csv"] = frame_of(found.model.ratios, TimeRatio)
         tables |= margin_tables(found.model.margins, "times")
     return {name: table.replace([np.inf, -np.inf], np.nan) for name, table in tables.items()}

@@ -1,7 +1,7 @@
 """Results as plain JSON: every number, none that is not finite."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Protocol, runtime_checkable
 
@@ -34,15 +34,10 @@ def as_json(value: object) -> Json:
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    if isinstance(value, ResultRow):
-        return as_json(value.row())
-    if is_dataclass(value) and not isinstance(value, type):
+    if isinstance(value, ResultRow) or (is_dataclass(value) and not isinstance(value, type)):
         hidden = getattr(value, "unidentified", ())
-        return {
-            one.name: None if one.name in hidden else as_json(getattr(value, one.name))
-            for one in fields(value)
-            if one.repr
-        }
+        held = _values(value).items()
+        return {name: None if name in hidden else as_json(one) for name, one in held}
     if isinstance(value, Mapping):
         return {_key(key): as_json(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
@@ -62,20 +57,38 @@ def rows_as_json(table: pd.DataFrame) -> list[Json]:
     return [as_json(row) for row in plain.to_dict("records")]
 
 
-def flat_table(results: Iterable[object], *without: str) -> pd.DataFrame:
+def frame_of(
+    results: Iterable[object], kind: type | None = None, *, without: Sequence[str] = ()
+) -> pd.DataFrame:
     """Return results as a table, one a row: numbers of nested ones by both names, no mappings.
 
-    Fields `without` are left out. Pairs are limits; what is not identified, or not finite, is
-    missing.
+    Pairs are limits; what is not identified is missing. Fields `without` are left out.
+
+    Parameters
+    ----------
+    kind : type, optional
+        Dataclass of the results, whose fields are the columns where there are none.
     """
-    rows = []
-    for one in results:
-        held = as_json(one)
-        assert isinstance(held, dict)
-        left_out = {name for name, value in vars(one).items() if isinstance(value, Mapping)}
-        plain = {name: held[name] for name in held if name not in left_out.union(without)}
-        rows.append(dict(_flat(plain, "")))
-    return pd.DataFrame(rows)
+    rows = [dict(_cells(one, without)) for one in results]
+    names = None if rows or kind is None else [one.name for one in fields(kind)]
+    return pd.DataFrame(rows, columns=names)
+
+
+def _cells(result: object, without: Sequence[str]) -> Iterator[tuple[str, object]]:
+    hidden = getattr(result, "unidentified", ())
+    for name, value in _values(result).items():
+        if name in hidden:
+            yield name, None
+        elif name not in without and not isinstance(value, Mapping):
+            yield from (((name, value),) if np.isscalar(value) else _flat(as_json(value), name))
+
+
+def _values(result: object) -> Mapping[str, object]:
+    """Return the values of a result: of its `row`, or of the fields that readers see."""
+    if isinstance(result, ResultRow):
+        return result.row()
+    assert is_dataclass(result)
+    return {one.name: getattr(result, one.name) for one in fields(result) if one.repr}
 
 
 def _flat(value: Json, name: str) -> Iterator[tuple[str, object]]:

@@ -1,21 +1,21 @@
 """Critical scaling: how much may change before an ABX observer can tell."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
 import pandas as pd
 
-from analysis.data_dictionary import frame_of
 from analysis.models.contrasts import Difference
 from analysis.models.critical_scaling import CriticalScaling, critical_scalings
 from analysis.parts import PartFigure, Presentation, SimplePart
 from analysis.parts.levels import SECTION, TRUST, Counts, counts_in, levels_axis
-from analysis.parts.shared import difference_tables, in_order
+from analysis.parts.shared import condition, difference_tables, in_order
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots import scaling_plot
-from analysis.report.values import flat_table
+from analysis.report.result_table import ResultColumn, ResultTable, attribute
+from analysis.report.values import frame_of
 from analysis.report.wording import (
     NONE,
     NOT_IDENTIFIED,
@@ -26,7 +26,7 @@ from analysis.report.wording import (
     size,
     size_range,
 )
-from protocols.blocks import Box, Cautions, FigurePlace, Heading, Paragraph, TableBlock
+from protocols.blocks import Block, Box, Cautions, FigurePlace, Heading, Paragraph
 from protocols.errors import count_of
 
 
@@ -63,28 +63,13 @@ class CriticalPart(SimplePart[RatePlan, CriticalScalings]):
 
     def show(self, found: CriticalScalings, plan: RatePlan) -> Presentation:
         """Return critical scalings and gains, differences, and each participant's own."""
-        fits, label = found.fits, plan.label
-        placed = [one for one in fits if one.critical_identified]
-        lead = Box(
-            f"Critical {plan.level}",
-            " ".join(
-                f"{label(one.condition)}: {size(one.critical, within=one.critical_limits)}"
-                f" {size_range(one.critical_limits)}."
-                for one in placed
-            ),
-            f"Up to it the typical participant has d' = 0; {level_text(plan.confidence)}.",
-        )
-        noisy = Paragraph(
-            "Differences are means of each participant's own fit. With few trials of each these"
-            " fits are noisy, and their mean can differ from the typical participant's critical"
-            " scalings above, even in sign.",
-            muted=True,
-        )
+        fits = found.fits
+        table = _table(fits, plan)
         draw = partial(
             scaling_plot,
             fits,
             {fit.condition: found.counts[fit.condition].arrays for fit in fits},
-            label=label,
+            label=plan.label,
             x_label=f"{levels_axis(plan)} (log axis)",
         )
         caption = (
@@ -93,52 +78,24 @@ class CriticalPart(SimplePart[RatePlan, CriticalScalings]):
             f" {plan.limits}, where these data identify them."
         )
         return Presentation(
-            lead=(lead,) if placed else (),
+            lead=_lead(fits, plan),
             blocks=(
                 Heading("Critical scaling"),
                 FigurePlace("scaling"),
-                TableBlock.of(
-                    "The largest scaling that cannot be told apart",
-                    (
-                        *(("Condition", "l c"), ("Critical scaling", "strong"), ("Limits", "n")),
-                        *(("Gain", ""), ("Limits", "n"), ("SD of ln s", ""), ("Lapse rate", "")),
-                    ),
-                    [
-                        (
-                            label(one.condition),
-                            *_cells(one.critical_identified, one.critical, one.critical_limits),
-                            *_cells(one.gain_identified, one.gain, one.gain_limits),
-                            number(one.critical_sd) if one.critical_identified else NONE,
-                            share(one.lapse),
-                        )
-                        for one in fits
-                    ],
-                ),
+                table.block(),
                 Paragraph(
                     "Of the typical participant. d' is 0 up to the critical scaling s and rises"
                     f" towards the gain above it ({fits[0].law} law).",
                     muted=True,
                 ),
-                TableBlock.of(
-                    "Participants' critical scalings",
-                    (("Participant", "l"), *((label(one.condition), "n") for one in fits)),
-                    [
-                        (who, *(_own(one, who) for one in fits))
-                        for who in sorted({who for one in fits for who in one.individual})
-                    ],
-                ),
-                Paragraph(
-                    "Each is drawn towards the typical one as far as the participant's answers"
-                    " leave open; in brackets: fitted to these answers alone.",
-                    muted=True,
-                ),
+                *_people(fits, plan),
                 *difference_tables(
                     "Differences of the logarithm of critical scalings, paired over participants",
                     found.contrasts,
                     plan,
                 ),
-                *((noisy,) if found.contrasts else ()),
-                Cautions.each(TRUST, fits, lambda one: label(one.condition)),
+                *((_NOISY,) if found.contrasts else ()),
+                Cautions.each(TRUST, fits, lambda one: plan.label(one.condition)),
             ),
             sentences=tuple(map(apa_critical, fits)),
             methods=(
@@ -146,15 +103,76 @@ class CriticalPart(SimplePart[RatePlan, CriticalScalings]):
                 " over participants."
             ),
             tables={
-                "critical.csv": flat_table(fits),
-                "critical_differences.csv": frame_of(Difference, found.contrasts),
+                "critical.csv": table.every_field(),
+                "critical_differences.csv": frame_of(found.contrasts, Difference),
             },
             figures=(PartFigure("scaling", caption, draw),),
         )
 
 
-def _cells(known: bool, value: float, ends: tuple[float, float] | None) -> tuple[str, str]:
-    return (size(value, within=ends), size_range(ends)) if known else (NOT_IDENTIFIED, NONE)
+_NOISY = Paragraph(
+    "Differences are means of each participant's own fit. With few trials of each these fits are"
+    " noisy, and their mean can differ from the typical participant's critical scalings above, even"
+    " in sign.",
+    muted=True,
+)
+
+
+def _lead(fits: Sequence[CriticalScaling], plan: RatePlan) -> tuple[Block, ...]:
+    said = [
+        f"{plan.label(one.condition)}: {size(one.critical, within=one.critical_limits)}"
+        f" {size_range(one.critical_limits)}."
+        for one in fits
+        if one.critical_identified
+    ]
+    told = f"Up to it the typical participant has d' = 0; {level_text(plan.confidence)}."
+    return (Box(f"Critical {plan.level}", " ".join(said), told),) if said else ()
+
+
+def _table(fits: Sequence[CriticalScaling], plan: RatePlan) -> ResultTable[CriticalScaling]:
+    def known(
+        title: str, style: str, name: str, text: Callable[[CriticalScaling], str], none: str = NONE
+    ) -> ResultColumn[CriticalScaling]:
+        return ResultColumn(
+            title, style, lambda one: none if name in one.unidentified else text(one)
+        )
+
+    return ResultTable.of(
+        "The largest scaling that cannot be told apart",
+        fits,
+        condition(plan),
+        known(
+            "Critical scaling",
+            "strong",
+            "critical",
+            lambda one: size(one.critical, within=one.critical_limits),
+            NOT_IDENTIFIED,
+        ),
+        known("Limits", "n", "critical", lambda one: size_range(one.critical_limits)),
+        known(
+            "Gain", "", "gain", lambda one: size(one.gain, within=one.gain_limits), NOT_IDENTIFIED
+        ),
+        known("Limits", "n", "gain", lambda one: size_range(one.gain_limits)),
+        known("SD of ln s", "", "critical", lambda one: number(one.critical_sd)),
+        attribute("Lapse rate", "lapse", share),
+    )
+
+
+def _people(fits: Sequence[CriticalScaling], plan: RatePlan) -> tuple[Block, ...]:
+    def column(one: CriticalScaling) -> ResultColumn[str]:
+        return ResultColumn(plan.label(one.condition), "n", partial(_own, one))
+
+    who = sorted({who for one in fits for who in one.individual})
+    participant = ResultColumn[str]("Participant", "l", str)
+    columns = (participant, *map(column, fits))
+    return (
+        ResultTable("Participants' critical scalings", who, columns).block(),
+        Paragraph(
+            "Each is drawn towards the typical one as far as the participant's answers leave open;"
+            " in brackets: fitted to these answers alone.",
+            muted=True,
+        ),
+    )
 
 
 def _own(one: CriticalScaling, who: str) -> str:

@@ -1,6 +1,6 @@
 """Goodness of fit of the population's curves: deviance, and residuals by level and over time."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
@@ -16,12 +16,21 @@ from analysis.parts.levels import SECTION, Curves, figure_axes, section_title
 from analysis.parts.shared import adjusted, condition, in_order
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots.psychometric_plots import misfit_plot
+from analysis.report.result_table import (
+    DF,
+    P_ADJUSTED,
+    P_VALUE,
+    ResultColumn,
+    ResultTable,
+    attribute,
+    estimated,
+    limits,
+    p_value,
+)
 from analysis.report.wording import (
-    df_text,
     level_text,
     number,
     number_range,
-    p_number,
     p_text,
     placed,
     size,
@@ -103,37 +112,13 @@ class GoodnessPart(Part[RatePlan, Goodness]):
         if not found.of_people:
             simulated, counted = "answers that the curve simulates", "counts from the fitted curve"
             judged = "a parametric bootstrap of the curve of all answers, fitted anew each time"
-        deviances = TableBlock.each(
-            f"Goodness of fit, by {simulated}",
-            found.misfits,
-            condition(plan),
-            ("Deviance", "strong", lambda one: size(one.deviance)),
-            ("Simulated", "", lambda one: size(one.expected)),
-            ("Counts", "", lambda one: str(one.cells)),
-            ("p", "n", lambda one: p_number(one.p)),
-            ("p adj.", "n", lambda one: p_number(one.p_adjusted)),
-            ("Largest residual", "", lambda one: _largest(one)),
-            ("p", "n", lambda one: p_number(one.level_p)),
-            ("p adj.", "n", lambda one: p_number(one.level_p_adjusted)),
-        )
+        deviances = _deviances(found, plan, simulated)
         told = Paragraph(
             f"Deviance: of {counted}. Simulated: its mean over {simulated}. Residual: share of"
             " right answers observed - expected, at the level where it is least like the simulated"
             " ones. A small p says that the curves do not fit.",
             muted=True,
         )
-        sessions: tuple[TableBlock, ...] = ()
-        if over is not None and np.isfinite(over.p):
-            sessions = (
-                TableBlock.each(
-                    "Residuals over the session: change from the first to the last trial",
-                    [over],
-                    ("Change", "strong", lambda one: placed(one, one.change)),
-                    (plan.limits, "n", lambda one: number_range(one.lower, one.upper)),
-                    ("df", "", lambda one: df_text(one.df, one.t)),
-                    ("p", "n", lambda one: p_number(one.p)),
-                ),
-            )
         axes = figure_axes([one.levels for one in found.misfits], plan)
         draw = partial(misfit_plot, found.misfits, found.course, **axes)
         caption = (
@@ -141,62 +126,83 @@ class GoodnessPart(Part[RatePlan, Goodness]):
             f" bands: 95 % of {simulated}"
             f"{'; right: over the session' * (found.course is not None)}."
         )
-        lines = [
-            {"condition": one.condition, "level": x, "residual": r, "lower": low, "upper": high}
-            for one in found.misfits
-            for x, r, low, high in zip(one.levels, one.residuals, one.lower, one.upper, strict=True)
-        ]
-        columns = ("condition", "deviance", "expected", "cells", "p", "p_adjusted", "level_p",
-                   "level_p_adjusted")  # fmt: skip
         return Presentation(
             title=section_title(plan),
             blocks=(
                 FigurePlace(self.name),
-                deviances,
+                deviances.block(),
                 told,
-                *sessions,
+                *([_over_session(over, plan)] if over and np.isfinite(over.p) else []),
                 Cautions("About this goodness of fit", found.notes),
             ),
-            sentences=(
-                *(
-                    f"Goodness of fit of {plan.label(one.condition)}: deviance"
-                    f" {size(one.deviance)} of {one.cells} counts, {size(one.expected)} where"
-                    f" simulated, {p_text(one.p)}"
-                    f"{adjusted(one.p, one.p_adjusted)}; residuals by level {p_text(one.level_p)}"
-                    f"{adjusted(one.level_p, one.level_p_adjusted)}."
-                    for one in found.misfits
-                ),
-                *(
-                    [
-                        "Residuals changed over the session by"
-                        f" {placed(over, over.change)} (share of right answers),"
-                        f" {level_text(plan.confidence)} {number_range(over.lower, over.upper)},"
-                        f" {t_text(over.t, over.df)}, {p_text(over.p)}."
-                    ]
-                    if over is not None and np.isfinite(over.t)
-                    else []
-                ),
-                *(
-                    [
-                        "The rank correlation of residuals with the order of trials was"
-                        f" \N{GREEK SMALL LETTER RHO} = {number(over.spearman_rho)},"
-                        f" {p_text(over.spearman_p)}."
-                    ]
-                    if over is not None and over.participants < 2 and np.isfinite(over.spearman_p)
-                    else []
-                ),
-            ),
+            sentences=tuple(_sentences(found, plan)),
             methods=(
                 f"Goodness of fit was judged by {judged}: deviance, and residuals at each level, of"
                 f" the answers against simulated ones{_TIME * (over is not None)}."
             ),
-            tables={
-                "goodness.csv": pd.DataFrame(
-                    [{name: getattr(one, name) for name in columns} for one in found.misfits]
-                ),
-                "residuals.csv": pd.DataFrame(lines),
-            },
+            tables={"goodness.csv": deviances.frame(), "residuals.csv": _residuals(found.misfits)},
             figures=(PartFigure(self.name, caption, draw),),
+        )
+
+
+def _deviances(found: Goodness, plan: RatePlan, simulated: str) -> ResultTable[Misfit]:
+    return ResultTable.of(
+        f"Goodness of fit, by {simulated}",
+        found.misfits,
+        condition(plan),
+        attribute("Deviance", "deviance", size, "strong"),
+        attribute("Simulated", "expected", size),
+        attribute("Counts", "cells", str),
+        P_VALUE,
+        P_ADJUSTED,
+        ResultColumn("Largest residual", "", _largest),
+        p_value("p", "level_p"),
+        p_value("p adj.", "level_p_adjusted"),
+    )
+
+
+def _over_session(over: Trend, plan: RatePlan) -> TableBlock:
+    return (
+        ResultTable[Trend]
+        .of(
+            "Residuals over the session: change from the first to the last trial",
+            [over],
+            estimated("Change", "change"),
+            limits(plan.limits),
+            DF,
+            P_VALUE,
+        )
+        .block()
+    )
+
+
+def _residuals(each: Sequence[Misfit]) -> pd.DataFrame:
+    return pd.DataFrame(
+        {"condition": one.condition, "level": x, "residual": r, "lower": low, "upper": high}
+        for one in each
+        for x, r, low, high in zip(one.levels, one.residuals, one.lower, one.upper, strict=True)
+    )
+
+
+def _sentences(found: Goodness, plan: RatePlan) -> Iterator[str]:
+    for one in found.misfits:
+        yield (
+            f"Goodness of fit of {plan.label(one.condition)}: deviance {size(one.deviance)} of"
+            f" {one.cells} counts, {size(one.expected)} where simulated, {p_text(one.p)}"
+            f"{adjusted(one.p, one.p_adjusted)}; residuals by level {p_text(one.level_p)}"
+            f"{adjusted(one.level_p, one.level_p_adjusted)}."
+        )
+    over = found.trend
+    if over is not None and np.isfinite(over.t):
+        yield (
+            f"Residuals changed over the session by {placed(over, over.change)} (share of right"
+            f" answers), {level_text(plan.confidence)} {number_range(over.lower, over.upper)},"
+            f" {t_text(over.t, over.df)}, {p_text(over.p)}."
+        )
+    if over is not None and over.participants < 2 and np.isfinite(over.spearman_p):
+        yield (
+            "The rank correlation of residuals with the order of trials was"
+            f" \N{GREEK SMALL LETTER RHO} = {number(over.spearman_rho)}, {p_text(over.spearman_p)}."
         )
 
 

@@ -1,6 +1,6 @@
 """Psychometric functions of each person, from that person's answers alone."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -18,16 +18,18 @@ from analysis.parts.levels import (
     TRUST,
     Counts,
     LevelsPart,
+    PlacedThreshold,
     counts_in,
     counts_of_people,
     people_figure,
-    threshold_cells,
-    width_title,
+    threshold_columns,
 )
+from analysis.parts.shared import condition
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots.psychometric_plots import DrawnCurve
+from analysis.report.result_table import ResultColumn, ResultTable, attribute
 from analysis.report.wording import p_number, size, size_range
-from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock
+from protocols.blocks import Cautions, FigurePlace, Paragraph
 
 MOST_PEOPLE = 12
 """Thresholds of people are compared, all pairs of them, in so small a group at most."""
@@ -110,16 +112,6 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
 
     def show(self, found: OwnCurves, plan: RatePlan) -> Presentation:
         """Return each person's curve in a row, and what differs within people."""
-        label = plan.label
-        compared = [
-            {"within": kind, "of": who} | vars(one)
-            for kind, groups in (
-                ("participant", found.within),
-                ("condition", found.between),
-            )
-            for who, several in groups.items()
-            for one in several
-        ]
         curves = {
             (one.participant, one.condition): DrawnCurve(
                 one.fit, threshold=(place.value, place.lower, place.upper)
@@ -128,34 +120,13 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
             if one.known
             for place in [one.fit.threshold]
         }
+        table = _table(found, plan)
+        several = ", Holm-adjusted" * any(len(one) > 1 for one in found.within.values())
         return Presentation(
             title=self.title(plan),
             blocks=(
                 FigurePlace("own_curves"),
-                TableBlock.of(
-                    "Each participant's curve, from these answers alone",
-                    (
-                        *(("Participant", "l"), ("Condition", "l c"), ("Threshold", "strong")),
-                        ("Limits", "n"),
-                        *((width_title(plan.logarithmic), ""), ("Lapse rate", ""), ("Spread", "")),
-                    ),
-                    [
-                        (
-                            one.participant,
-                            label(one.condition),
-                            *cells,
-                            size(fit.lapse.value, 2),
-                            size(fit.spread.value, 2),
-                        )
-                        for one in found.people
-                        for fit, place in [(one.fit, one.fit.threshold)]
-                        for cells in [
-                            threshold_cells(
-                                one.known, place.value, (place.lower, place.upper), fit.width.value
-                            )
-                        ]
-                    ],
-                ),
+                table.block(),
                 Paragraph(
                     "Medians of a posterior with priors on lapses, guesses and on answers that vary"
                     " more than chance (Schütt et al., 2016). Spread: how far the true share at a"
@@ -163,39 +134,65 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     muted=True,
                 ),
                 Cautions.each(
-                    TRUST, found.people, lambda one: f"{one.participant}, {label(one.condition)}"
+                    TRUST,
+                    found.people,
+                    lambda one: f"{one.participant}, {plan.label(one.condition)}",
                 ),
             ),
-            sentences=tuple(
-                f"{who}: {label(one.first)} minus {label(one.second)} {_gap(one)},"
-                f" {100 * one.level:g}% limits {size_range((one.lower, one.upper))}, posterior p"
-                f" {p_number(one.p_adjusted)}{' Holm-adjusted' * (len(several) > 1)}."
-                for who, several in found.within.items()
-                for one in several
-            ),
+            sentences=tuple(_sentences(found, plan)),
             methods=(
                 "Each participant's psychometric function is the median of a posterior with priors"
                 " on lapses, guesses and overdispersion (Schütt, Harmeling, Macke & Wichmann,"
-                " 2016); thresholds are compared by their posteriors"
-                + ", Holm-adjusted" * any(len(several) > 1 for several in found.within.values())
-                + "."
+                f" 2016); thresholds are compared by their posteriors{several}."
             ),
             figures=(
                 people_figure(
                     "own_curves", "curves from these answers alone", found.counts, curves, plan
                 ),
             ),
-            tables={
-                "people.csv": pd.DataFrame(map(_line, found.people)),
-                "comparisons_of_people.csv": pd.DataFrame(
-                    compared, columns=["within", "of", *ThresholdDifference.__dataclass_fields__]
-                ),
-            },
+            tables={"people.csv": table.frame(), "comparisons_of_people.csv": _comparisons(found)},
         )
 
 
-def _gap(one: ThresholdDifference) -> str:
-    return size(one.difference, within=(one.lower, one.upper))
+def _table(found: OwnCurves, plan: RatePlan) -> ResultTable[PersonFit]:
+    def place_of(one: PersonFit) -> PlacedThreshold:
+        place = one.fit.threshold
+        ends = (place.lower, place.upper)
+        return PlacedThreshold(one.known, place.value, ends, one.fit.width.value)
+
+    return ResultTable.of(
+        "Each participant's curve, from these answers alone",
+        found.people,
+        attribute("Participant", "participant", str, "l"),
+        condition(plan),
+        *threshold_columns(place_of, "Limits", logarithmic=plan.logarithmic),
+        ResultColumn("Lapse rate", "", lambda one: size(one.fit.lapse.value, 2), _line),
+        ResultColumn("Spread", "", lambda one: size(one.fit.spread.value, 2)),
+    )
+
+
+def _sentences(found: OwnCurves, plan: RatePlan) -> Iterator[str]:
+    label = plan.label
+    for who, several in found.within.items():
+        for one in several:
+            ends = (one.lower, one.upper)
+            yield (
+                f"{who}: {label(one.first)} minus {label(one.second)}"
+                f" {size(one.difference, within=ends)}, {100 * one.level:g}% limits"
+                f" {size_range(ends)}, posterior p {p_number(one.p_adjusted)}"
+                f"{' Holm-adjusted' * (len(several) > 1)}."
+            )
+
+
+def _comparisons(found: OwnCurves) -> pd.DataFrame:
+    compared = [
+        {"within": kind, "of": who} | vars(one)
+        for kind, groups in (("participant", found.within), ("condition", found.between))
+        for who, several in groups.items()
+        for one in several
+    ]
+    names = ["within", "of", *ThresholdDifference.__dataclass_fields__]
+    return pd.DataFrame(compared, columns=names)
 
 
 def _compared(
@@ -205,7 +202,7 @@ def _compared(
 
 
 def _line(one: PersonFit) -> dict[str, object]:
-    line: dict[str, object] = {"participant": one.participant, "condition": one.condition}
+    line: dict[str, object] = {}
     for name in ("threshold", "width", "guess", "lapse", "spread"):
         known = name not in one.fit.unidentified
         for part in ("value", "lower", "upper"):

@@ -16,7 +16,7 @@ from fixed_studies import TABLES
 from analysis.models.order_and_side import order_bias
 from analysis.models.right_answers import rate_contrasts
 from analysis.parts.learning import StepLearning
-from analysis.parts.levels import threshold_cells
+from analysis.parts.levels import PlacedThreshold, threshold_columns
 from analysis.parts.shared import adjusted
 from analysis.report.content import ReportContent, content_of
 from analysis.report.report_source import from_question
@@ -116,7 +116,9 @@ def test_differences_of_shares_have_no_limits_beyond_one():
 
 
 def test_the_width_of_a_falling_curve_is_a_length():
-    assert threshold_cells(True, 9.0, (8.0, 10.0), -5.08)[2] == "5.08"
+    falling = PlacedThreshold(True, 9.0, (8.0, 10.0), -5.08)
+    *_, width = threshold_columns(lambda one: one, "Limits", logarithmic=False)
+    assert width.text(falling) == "5.08"
 
 
 def test_one_person_is_one_participant():
