@@ -22,7 +22,6 @@ BENCHMARKS = {
     "stimuli": "frames per second of clips, two processes against one",
     "scores": "every built-in scene on three paths, by every metric of `stimuli score`",
     "session": "a whole simulated session",
-    "adaptive": "adaptive trials: recovery of thresholds and scores beside other packages",
     "analysis": "bootstraps, power and false positives of the statistics",
 }
 

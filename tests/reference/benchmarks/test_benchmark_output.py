@@ -11,7 +11,6 @@ from benchmarks.shared.output import PagePart, write_record
 @pytest.mark.parametrize(
     ("name", "option"),
     [
-        ("adaptive", "--json"),
         ("analysis", "--json"),
         ("fill", "--json"),
         ("fill", "--plot"),

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from adaptive_recovery import Marginal, of_posterior
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.shared.estimates import Marginal, of_posterior
 from protocols.adaptive import quest_plus
 from protocols.adaptive.psychometric_function import probability
 from protocols.adaptive.quest_plus import (

@@ -1,4 +1,4 @@
-"""Simulated observers get their thresholds and scores back; `script/bench adaptive` says more."""
+"""Simulated observers get their thresholds and scores back."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import json
 
 import numpy as np
 import pytest
-
-from benchmarks.adaptive import (
+from adaptive_recovery import (
     OBSERVERS,
     QUEST_TRIALS,
     UP_DOWN_TRIALS,
@@ -20,6 +19,7 @@ from benchmarks.adaptive import (
     run_up_down,
     up_down_rules,
 )
+
 from protocols.adaptive.up_down import performance
 
 
@@ -29,11 +29,11 @@ def found(rule: str, count: int) -> Recovery:
         yes_no = rule.endswith("yes-no")
         people = observers(count, QUEST_TRIALS, 0.1 if yes_no else 0.5, seed=21)
         ours = run_quest(people, quest_grid(yes_no=yes_no))
-        return recovery(rule, people.threshold, ours, "", None)
+        return recovery(people.threshold, ours)
     settings = up_down_rules()[rule.removeprefix("up-down, ")]
     people = observers(count, UP_DOWN_TRIALS, 0.5, seed=22)
     truth = people.level_at(performance(settings))
-    return recovery(rule, truth, run_up_down(people, settings), "", None)
+    return recovery(truth, run_up_down(people, settings))
 
 
 RULES = [
@@ -71,7 +71,7 @@ def test_thresholds_of_simulated_observers_are_recovered(rule, proof_count, repo
 
 def test_active_pairs_rank_conditions_better_than_random_ones(proof_count):
     """On a scale of 8 JOD, where most pairs are settled before they are shown."""
-    rows = {row.chosen_by: row for row in pair_recoveries(proof_count(100)) if row.range_jod == 8}
+    rows = pair_recoveries(proof_count(100), range_jod=8.0)
 
     assert rows["ours"].rmse_10 < rows["chance"].rmse_10
     assert rows["ours"].rmse_15 < rows["chance"].rmse_15

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from adaptive_recovery import of_reversals
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.shared.estimates import of_reversals
 from protocols.adaptive.up_down import UpDown, next_level, performance, track
 from protocols.errors import StudyError
 

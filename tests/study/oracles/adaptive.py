@@ -3,22 +3,21 @@
 It needs questplus, psychopy (both GPL, so not among ours), SweetSpot (CC0), and on the path the
 module `asap_cpu` of https://github.com/gfxdisp/asap (MIT) with networkx.
 
-Run from the repository: PYTHONPATH=.:FOLDER_OF_ASAP python tests/study/oracles/adaptive.py
+Run from the repository:
+
+    PYTHONPATH=.:tests/helpers:FOLDER_OF_ASAP python tests/study/oracles/adaptive.py
 """
 
 import json
 import random
 from importlib import import_module, metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from adaptive_recovery import THRESHOLDS, Observers
 
-from benchmarks.adaptive import (
-    THRESHOLDS,
-    Observers,
-    psychopy_staircase,
-    questplus_staircase,
-)
+from protocols.adaptive.psychometric_function import slope_of
 from protocols.adaptive.quest_plus import Axis, Grid
 from protocols.adaptive.up_down import UpDown, performance
 
@@ -29,6 +28,40 @@ LEVELS = tuple(float(level) for level in np.arange(0.0, 20.25, 0.5))
 def even(low: float, high: float, count: int) -> Axis:
     """Return an axis with a flat prior."""
     return Axis(tuple(round(float(value), 6) for value in np.linspace(low, high, count)))
+
+
+def questplus_staircase(grid: Grid) -> Any:
+    """Return a staircase of the package questplus on our grid."""
+    return import_module("questplus").QuestPlus(
+        stim_domain={"intensity": np.array(grid.levels)},
+        param_domain={
+            "lower_asymptote": np.array(grid.guess.values),
+            "mean": np.array(grid.threshold.values),
+            "sd": np.array(grid.width.values) / float(slope_of(1.0, "gauss")),
+            "lapse_rate": np.array(grid.lapse.values),
+        },
+        outcome_domain={"response": ["correct", "wrong"]},
+        func="norm_cdf",
+        stim_scale="linear",
+        stim_selection_method="min_entropy",
+        param_estimation_method="mean",
+    )
+
+
+def psychopy_staircase(settings: UpDown) -> Any:
+    """Return a staircase of psychopy with our settings; it takes steps of one size both ways."""
+    return import_module("psychopy.data.staircase").StairHandler(
+        startVal=settings.start,
+        stepSizes=list(settings.harder),
+        stepType="lin",
+        nUp=1,
+        nDown=settings.in_a_row,
+        applyInitialRule=settings.one_at_first,
+        minVal=settings.levels[0],
+        maxVal=settings.levels[-1],
+        nTrials=10**6,
+        autoLog=False,
+    )
 
 
 def quest_case(name: str, grid: Grid, guess: float, seed: int) -> dict[str, object]:
