@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from captured_flips import CapturedPicture
 from forked import METAMERLAB, Forked
 from PIL import Image
 from study_texts import shipped_study, with_values
@@ -30,7 +31,6 @@ from protocols.load import load_display, load_protocol
 from protocols.manifest import Clip, Manifest, Renderer, read_manifest, write_manifest
 from protocols.script import example_scripts
 from protocols.study_file.schema import StudyProtocol
-from study_app.desktop.strip import CapturedPicture
 
 WIDTH, HEIGHT = 640, 480
 # Before any of these texts where an artificial observer sits: it reads and decides fast.

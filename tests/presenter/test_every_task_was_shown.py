@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from captured_flips import compare
 from PIL import Image
 from study_texts import short_study
 from typer.testing import CliRunner
@@ -19,7 +20,6 @@ from protocols.plan import make_plan
 from protocols.script import Picture, TrialScript
 from protocols.viewing import Viewing
 from study_app.cli import app
-from study_app.desktop.strip import compare
 from study_app.paint import lay, paint
 from study_app.preview import preview_page
 

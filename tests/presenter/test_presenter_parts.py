@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from captured_flips import CapturedPicture, compare
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,16 +20,7 @@ from protocols.script import Dot, Words
 from protocols.viewing import Viewing
 from study_app.desktop.keys import key_name
 from study_app.desktop.monitor import check_mode
-from study_app.desktop.strip import (
-    BLOCK_PX,
-    BLOCKS,
-    CapturedPicture,
-    code_of,
-    compare,
-    crc8,
-    read_both_strips,
-    read_strip,
-)
+from study_app.desktop.strip import BLOCK_PX, BLOCKS, code_of, crc8, read_both_strips, read_strip
 from study_app.desktop.vsync import judge
 from study_app.desktop.vsync import summarise as summarise_stamps
 from study_app.gaze.lsl import LslSpec

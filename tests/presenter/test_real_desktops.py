@@ -15,12 +15,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from captured_flips import compare
 
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import Note
 from study_app.desktop.monitor import check_mode
-from study_app.desktop.strip import compare
 
 SHORT = {"pairings": '[["metameric", "push-pull"]]', "repeats": "1"}
 XORG = Path("/usr/lib/xorg/Xorg")

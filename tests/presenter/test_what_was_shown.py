@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from captured_flips import compare
 
 from protocols.plan import make_plan
 from protocols.viewing import Viewing
-from study_app.desktop.strip import compare
 
 ONE_TRIAL = {
     "pairings": '[["metameric", "push-pull"]]',

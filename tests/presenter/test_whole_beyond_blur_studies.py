@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 import trimesh
+from captured_flips import compare
 from PIL import Image
 from study_texts import shipped_study
 
@@ -22,7 +23,6 @@ from protocols.load import load_study
 from protocols.manifest import write_manifest
 from protocols.plan import make_plan
 from stimuli.recipes.foveated_work import StillsPlan
-from study_app.desktop.strip import compare
 
 pytestmark = pytest.mark.slow
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from random import Random
 
+from captured_flips import CapturedPicture, compare
+
 from study_app.attempt import BLANK
-from study_app.desktop.strip import CapturedPicture, compare
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.pacing import LATE_SHARE, Pacer
 from study_app.stage import FlipPicture
