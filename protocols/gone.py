@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import takewhile
-from typing import Any
 
 LAST_WITH_ALL = "5076b993 (version 0.3.0)"
 """The last revision that has everything named here."""
@@ -87,19 +86,20 @@ def gone_from_command(arguments: Sequence[str]) -> str | None:
     return None
 
 
-def without_gone(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def without_gone(raw: Mapping[str, object]) -> tuple[dict[str, object], dict[str, object]]:
     """Return a parsed study without its removed keys, and what these said, by dotted place."""
-    kept, found = dict(raw), {}
+    kept, found = dict(raw), dict[str, object]()
     for place in INSTEAD:
         section, _, key = place.partition(".")
-        if isinstance(kept.get(section), Mapping) and key in kept[section]:
-            kept[section] = dict(kept[section])
-            found[place] = kept[section].pop(key)
+        inside = kept.get(section)
+        if isinstance(inside, Mapping) and key in inside:
+            kept[section] = left = dict(inside)
+            found[place] = left.pop(key)
     return kept, found
 
 
-def as_hashed(place: str, value: Any) -> Any:
+def as_hashed(place: str, value: object) -> object:
     """Return the part that a removed key had in the hash of a study; None where it had none."""
-    if place == "analysis.sequential":  # its default was part of the hash
-        return {"bayes_factor": 10.0} | value
+    if place == "analysis.sequential" and isinstance(value, dict):
+        return {"bayes_factor": 10.0} | value  # its default was part of the hash
     return value if value is not False else None

@@ -496,33 +496,6 @@ AnyEvent: TypeAlias = Annotated[
 ]
 EVENT: TypeAdapter[AnyEvent] = TypeAdapter(AnyEvent)
 
-__all__ = [
-    "EVENT",
-    "Answer",
-    "AnyEvent",
-    "Attempt",
-    "BlockEnd",
-    "BlockStart",
-    "Break",
-    "Calibration",
-    "Consent",
-    "DisplayReport",
-    "Event",
-    "FurtherAnswer",
-    "GazeInfo",
-    "GazeQuality",
-    "Note",
-    "Pause",
-    "PhaseRecord",
-    "SessionEnd",
-    "SessionResume",
-    "SessionStart",
-    "ShownStimulus",
-    "SideFile",
-    "Withdrawal",
-    "event_line",
-]
-
 
 def event_line(event: AnyEvent) -> bytes:
     """Return the journal line of an event, with its line feed."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
@@ -35,7 +35,7 @@ _LONG_KEY = re.compile(
     f"{{{_MOST_PARTS},}}"
 )
 """A dotted key that a parser of TOML takes long for: the square of its parts."""
-_RECIPE: TypeAdapter[Any] = TypeAdapter(AnyRecipe)
+_RECIPE = TypeAdapter[Recipe](AnyRecipe)
 
 
 def load_protocol(path: str | Path, *, recorded: bool = False) -> StudyProtocol:
@@ -86,7 +86,7 @@ def _with_secret(study: StudyProtocol, path: Path) -> StudyProtocol:
     return study.with_secret(secret)
 
 
-def protocol_of(raw: dict[str, Any], path: Path, *, recorded: bool = False) -> StudyProtocol:
+def protocol_of(raw: dict[str, object], path: Path, *, recorded: bool = False) -> StudyProtocol:
     """Return the study that a parsed file says; `path` is for messages and tables.
 
     `recorded` is as in `load_protocol`.
@@ -153,7 +153,7 @@ def _with_tables(raw: dict[str, object], folder: Path) -> dict[str, object]:
         recipe = _RECIPE.validate_python(raw.get("stimuli"))
     except ValidationError:
         return raw
-    found: Recipe = recipe.resolved(folder)
+    found = recipe.resolved(folder)
     return raw if found is recipe else raw | {"stimuli": found.model_dump()}
 
 
@@ -267,9 +267,8 @@ def _valid_sections(raw: dict[str, object]) -> dict[str, object]:
     """Return the sections that are right by themselves."""
     valid: dict[str, object] = {}
     for name, field in StudyProtocol.model_fields.items():
-        adapter: TypeAdapter[Any] = TypeAdapter(field.annotation or object)
         with suppress(ValidationError, KeyError):
-            valid[name] = adapter.validate_python(raw[name])
+            valid[name] = TypeAdapter[object](field.annotation or object).validate_python(raw[name])
     return valid
 
 

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -126,7 +126,7 @@ class Manifest(Model):
     def _by_name(self) -> dict[str, Clip]:
         return {clip.name: clip for clip in self.clips}
 
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+    def model_copy(self, *, update: Mapping[str, object] | None = None, deep: bool = False) -> Self:
         """Return a copy without what this one keeps: its hash, its clips by name."""
         copy = super().model_copy(update=update, deep=deep)
         for kept in ("sha256", "_by_name"):

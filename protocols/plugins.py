@@ -21,7 +21,7 @@ from protocols.errors import StudyError
 from protocols.outside import OURS, plug_in, visible_line
 
 T = TypeVar("T")
-Fits = Callable[[str, Any], bool]
+Fits = Callable[[str, object], bool]
 """Test of a plug-in's name and object: does it fit its group?"""
 GROUPS = (
     "tasks", "recipes", "observers", "analyses", "parts", "builders", "methods", "metrics",
@@ -66,7 +66,7 @@ def registered(group: str, shipped: Mapping[str, T], must: str, fits: Fits) -> d
     return found
 
 
-def check_methods(group: str, name: str, plugged: type[Any]) -> None:
+def check_methods(group: str, name: str, plugged: type[object]) -> None:
     """Let a plug-in's class check what it returns, in each method that takes the place of ours.
 
     Ours states what it returns. A list stands for a tuple, as pydantic converts it.
@@ -106,7 +106,7 @@ _CHECKING: set[object] = set()
 """Methods of plug-ins that check what they return."""
 
 
-def _is_ours(base: type[Any]) -> bool:
+def _is_ours(base: type[object]) -> bool:
     return base.__module__.split(".")[0] in (*OURS, "pydantic", "builtins", "abc")
 
 
@@ -203,10 +203,10 @@ def _blame(entry: metadata.EntryPoint, why: str) -> str:
     )
 
 
-def based_on(base: type[Any]) -> Fits:
+def based_on(base: type[object]) -> Fits:
     """Return the test for classes with that base, of the entry's own kind where they name one."""
 
-    def fits(name: str, value: Any) -> bool:
+    def fits(name: str, value: object) -> bool:
         if not (isinstance(value, type) and issubclass(value, base)):
             return False
         kind = getattr(value, "model_fields", {}).get("kind")
@@ -218,7 +218,9 @@ def based_on(base: type[Any]) -> Fits:
 def taking(count: int) -> Fits:
     """Return the test for what can be called with so many arguments."""
 
-    def fits(_name: str, value: Any) -> bool:
+    def fits(_name: str, value: object) -> bool:
+        if not callable(value):
+            return False
         try:
             inspect.signature(value).bind(*[None] * count)
         except (TypeError, ValueError):

@@ -78,7 +78,7 @@ _BOUNDS = {
     "height_deg": (0, 180),
     "refreshes_per_frame": (1, 1_000_000),
 }
-"""Of the numbers of drawables: at least the first, below the second."""
+"""Bounds of the numbers of drawables: at least the first, below the second."""
 Grey = Annotated[int, Field(ge=0, le=255)]
 
 

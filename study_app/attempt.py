@@ -13,7 +13,7 @@ from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.saccades import SUPPRESSED_AFTER_S, Saccade, SaccadeWatch
 from study_app.gaze.source import GazeSample, GazeSource
 from study_app.pacing import JudgedFlip, Pacer
-from study_app.stage import FlipPicture, FlipReport, KeyPress, Stage
+from study_app.stage import FlipPicture, FlipReport, FlipStage, KeyPress
 from study_app.trial import FlipObservation, GazeVerdict, Trial, advance
 
 BLANK = ScriptPhase(name=ITI, frames=1)
@@ -117,7 +117,7 @@ class GazeWatcher:
         now = [watch.last] if watch is not None and watch.last and watch.under_way else []
         return [*self._ended, *now]
 
-    def stays_silent(self, stage: Stage, silence_s: float) -> bool:
+    def stays_silent(self, stage: FlipStage, silence_s: float) -> bool:
         """Wait between two attempts for a source that fell silent; return whether it stays so."""
         while (silent_s := self.monitor.silent_s(stage.now())) > silence_s:
             if silent_s > max(TRACKER_PATIENCE_S, 2 * silence_s):
@@ -139,7 +139,7 @@ class AttemptResult:
 
 def run_attempt(
     script: TrialScript,
-    stage: Stage,
+    stage: FlipStage,
     watcher: GazeWatcher | None,
     on_outcome: Callable[[Trial, AttemptLog], None],
     mark: Callable[[str, float], None] = lambda _text, _t_s: None,
@@ -150,7 +150,7 @@ def run_attempt(
     ----------
     script : TrialScript
         What it shows must be prepared.
-    stage : Stage
+    stage : FlipStage
         Display, clock and keys.
     watcher : GazeWatcher or None
         None in mode `none`.
@@ -207,7 +207,7 @@ def run_attempt(
 
 
 def _read_keys(
-    stage: Stage, state: Trial, script: TrialScript, onset_s: float, log: AttemptLog
+    stage: FlipStage, state: Trial, script: TrialScript, onset_s: float, log: AttemptLog
 ) -> tuple[str | None, VoidReason | None]:
     """Return the answer, where one is awaited, and the wish to pause or quit."""
     answer: str | None = None
@@ -229,7 +229,7 @@ def _read_keys(
 
 
 def _read_gaze(
-    watcher: GazeWatcher | None, stage: Stage, log: AttemptLog, *, recording: bool
+    watcher: GazeWatcher | None, stage: FlipStage, log: AttemptLog, *, recording: bool
 ) -> GazeVerdict:
     if watcher is None:
         return GazeVerdict.HELD

@@ -81,8 +81,8 @@ class PageResult(NamedTuple):
     duration_s: float
 
 
-class Stage(Protocol):
-    """The display with its clock and its keys."""
+class FlipStage(Protocol):
+    """Part of a stage that an attempt needs: flips, a clock, keys."""
 
     @property
     def refresh_hz(self) -> float:
@@ -90,6 +90,22 @@ class Stage(Protocol):
 
     def now(self) -> float:
         """Return the monotonic clock, in seconds."""
+
+    def show(self, picture: FlipPicture) -> FlipReport:
+        """Draw, flip, and return what is known of the flip. No disk, no decoding."""
+
+    def key_presses(self) -> Sequence[KeyPress]:
+        """Return the keys that went down since the last call. Never waits."""
+
+    def disturbed(self) -> str:
+        """Return the disturbance between participant and display since the last call; empty: none.
+
+        Another window has the keyboard, the machine slept, the monitor is gone.
+        """
+
+
+class Stage(FlipStage, Protocol):
+    """The display with its clock and its keys."""
 
     def prepare(self, trial: PlannedTrial, script: TrialScript, attempt: int, /) -> None:
         """Make all that the script shows ready; may take as long as it needs.
@@ -100,9 +116,6 @@ class Stage(Protocol):
     def expect(self, trial: PlannedTrial) -> None:
         """Announce the trial after the one that runs; may load it while nothing moves."""
 
-    def show(self, picture: FlipPicture) -> FlipReport:
-        """Draw, flip, and return what is known of the flip. No disk, no decoding."""
-
     def follow(self, gaze: SessionGaze, *, polled: bool) -> None:
         """Set the gaze that live pictures follow; `polled`: as `SourceInfo.polled`."""
 
@@ -110,15 +123,6 @@ class Stage(Protocol):
         """Return the pixels that are kept of an attempt's live frames, by `LiveFrame.flip.number`.
 
         Called while nothing moves: reading pixels back takes longer than a refresh.
-        """
-
-    def key_presses(self) -> Sequence[KeyPress]:
-        """Return the keys that went down since the last call. Never waits."""
-
-    def disturbed(self) -> str:
-        """Return the disturbance between participant and display since the last call; empty: none.
-
-        Another window has the keyboard, the machine slept, the monitor is gone.
         """
 
     def page(self, page: Page) -> PageResult:

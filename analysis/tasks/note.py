@@ -60,14 +60,16 @@ def read_note(table: Path, notes: list[str] | None = None) -> Analysis | None:
             f"{path}: format must be {FORMAT} (got {found!r}, of another metamerlab); make it anew:"
             f" metamerlab analysis import {table} --task TASK --out FOLDER, or analysis tidy"
         )
-    kept, ignored = without_gone({"analysis": said})
+    _, ignored = without_gone({"analysis": said})
     if notes is not None:
         notes += [
             f"{path.name}: {place} is ignored: it {gone(place)}"
             for place, value in ignored.items()
             if value  # a note names every key, also those that were left as they are
         ]
-    said = {key: with_tuples(value) for key, value in kept["analysis"].items()}
+    said = {
+        key: with_tuples(value) for key, value in said.items() if f"analysis.{key}" not in ignored
+    }
     return _checked(kind, said, f"{path}: analysis")
 
 

@@ -16,7 +16,7 @@ from protocols.display import Display
 from protocols.feasibility import stated_times_s, timing_problems
 from protocols.script import Fill, Frames, Grey, Place, ScriptQuestion, Scripts, Size, TrialScript
 from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import Keys
+from protocols.study_file.session_schema import ClosingQuestion, Keys
 from protocols.units import (
     Count,
     Hertz,
@@ -101,15 +101,6 @@ class Pack(Model):
     """End of each frame in the file, in bytes from its beginning."""
 
 
-class WebQuestion(Model):
-    """A question after the last block."""
-
-    name: Name
-    text: Text
-    choices: tuple[Text, ...]
-    """None: the answer is free text."""
-
-
 class WebPages(Model):
     """Texts that a participant reads beside trials, placeholders of keys filled."""
 
@@ -123,7 +114,7 @@ class WebPages(Model):
     preparing: Text
     quit_question: Text
     thanks: Text
-    questions: tuple[WebQuestion, ...]
+    questions: tuple[ClosingQuestion, ...]
 
 
 class WebStudy(Model):

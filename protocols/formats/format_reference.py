@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import Any
+from typing import Any, TypeAlias
 
 from protocols.formats.publish import json_schema
 from protocols.study_file.session_schema import KEY_PATTERN, KEYS_IN_WORDS
 from protocols.units import NAME_LENGTH, NAME_PATTERN
 
+Schema: TypeAlias = dict[str, Any]
+"""A part of a JSON Schema."""
 _BOUNDS = (
     ("exclusiveMinimum", ">"),
     ("minimum", ">="),
@@ -79,7 +81,7 @@ def reference_text(name: str) -> str:
     name : str
         One of `protocols.formats.publish.schema_names`.
     """
-    schema: dict[str, Any] = dict(json_schema(name))
+    schema: Schema = dict(json_schema(name))
     sections = _in_reading_order(schema)
     rows = {title: [*_rows(section)] for title, section in sections.items()}
     shared = _shared(rows)
@@ -118,10 +120,10 @@ def _says(line: str, word: str) -> bool:
     return f" {word}" in line.partition("):")[0].replace("(", " ")
 
 
-def _in_reading_order(schema: dict[str, Any]) -> dict[str, dict[str, Any]]:
+def _in_reading_order(schema: Schema) -> dict[str, Schema]:
     """Return the classes with keys, each after the one that first mentions it."""
-    definitions: dict[str, Any] = schema.get("$defs", {})
-    found: dict[str, dict[str, Any]] = {}
+    definitions: Schema = schema.get("$defs", {})
+    found: dict[str, Schema] = {}
     waiting = [(str(schema["title"]), {k: v for k, v in schema.items() if k != "$defs"})]
     while waiting:
         title, section = waiting.pop(0)
@@ -144,7 +146,7 @@ def _named_in(value: object) -> Iterator[str]:
             yield from _named_in(entry)
 
 
-def _rows(section: dict[str, Any]) -> Iterator[_Row]:
+def _rows(section: Schema) -> Iterator[_Row]:
     required = set(section.get("required", []))
     for key, value in section["properties"].items():
         default, said = value.get("default"), ""
@@ -199,7 +201,7 @@ def toml_text(value: object) -> str:
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 
-def _type(schema: dict[str, Any]) -> str:
+def _type(schema: Schema) -> str:
     """Return a type in words, with unit and range."""
     written = _written_out(schema)
     for text, word in _TYPES.items():
@@ -207,7 +209,7 @@ def _type(schema: dict[str, Any]) -> str:
     return written
 
 
-def bounds_in_words(schema: Mapping[str, Any]) -> list[str]:
+def bounds_in_words(schema: Schema) -> list[str]:
     """Return the bounds of a number that somebody may meet, such as ``<= 1`` of a share.
 
     Of those that only keep mistakes out, a smallest one is said as ``> 0``, and none else.
@@ -222,7 +224,7 @@ def bounds_in_words(schema: Mapping[str, Any]) -> list[str]:
     return bounds
 
 
-def _written_out(schema: dict[str, Any]) -> str:
+def _written_out(schema: Schema) -> str:
     if "$ref" in schema:
         name = str(schema["$ref"]).rpartition("/")[2]
         return f"[{name}](#{name.lower()})"

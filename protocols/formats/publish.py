@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from pydantic import TypeAdapter
 
@@ -21,16 +21,16 @@ from protocols.results import Results
 from protocols.script import TrialScript
 from protocols.study_file.schema import StudyProtocol
 
-_FORMATS: dict[str, tuple[TypeAdapter[Any], str]] = {
-    "study": (TypeAdapter(StudyProtocol), "metamerlab study protocol"),
-    "display": (TypeAdapter(Display), "metamerlab display"),
-    "manifest": (TypeAdapter(Manifest), "metamerlab manifest of clips"),
-    "journal": (EVENT, "one line of a metamerlab session journal"),
-    "plan": (TypeAdapter(Plan), "trials of one participant of a metamerlab study"),
-    "script": (TypeAdapter(TrialScript), "metamerlab trial, as it is drawn"),
-    "web-study": (TypeAdapter(WebStudy), "metamerlab study, as a browser runs it"),
-    "web-line": (LINE, "one line that a browser sends home"),
-    "results": (TypeAdapter(Results), "results of a metamerlab report"),
+_FORMATS: dict[str, tuple[Callable[[], dict[str, Json]], str]] = {
+    "study": (TypeAdapter(StudyProtocol).json_schema, "metamerlab study protocol"),
+    "display": (TypeAdapter(Display).json_schema, "metamerlab display"),
+    "manifest": (TypeAdapter(Manifest).json_schema, "metamerlab manifest of clips"),
+    "journal": (EVENT.json_schema, "one line of a metamerlab session journal"),
+    "plan": (TypeAdapter(Plan).json_schema, "trials of one participant of a metamerlab study"),
+    "script": (TypeAdapter(TrialScript).json_schema, "metamerlab trial, as it is drawn"),
+    "web-study": (TypeAdapter(WebStudy).json_schema, "metamerlab study, as a browser runs it"),
+    "web-line": (LINE.json_schema, "one line that a browser sends home"),
+    "results": (TypeAdapter(Results).json_schema, "results of a metamerlab report"),
 }
 
 
@@ -41,10 +41,10 @@ def schema_names() -> tuple[str, ...]:
 
 def json_schema(name: str) -> dict[str, Json]:
     """Return the JSON Schema (2020-12) of a format; `KeyError` if there is none of that name."""
-    adapter, title = _FORMATS[name]
+    made, title = _FORMATS[name]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **adapter.json_schema(),
+        **made(),
         "title": title,
     }
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from protocols.browser.web_design import web_design
+from protocols.browser.web_design import WebDesign, web_design
 from protocols.browser.web_study import (
     BUDGET_MB,
     DECODED_MB,
@@ -28,7 +28,6 @@ from protocols.browser.web_study import (
     WebEntry,
     WebPages,
     WebPhase,
-    WebQuestion,
     WebScript,
     WebStudy,
     deviations_s,
@@ -63,11 +62,11 @@ class BrowserNeeds:
     rates: Mapping[float, list[str]]
     """Reasons why it does not run at a refresh rate; an empty list where it does."""
     fetched_bytes: int
-    """Of the frames that one participant sees, as PNG files."""
+    """Bytes of the frames that one participant sees, as PNG files."""
     decoded_bytes: int
-    """Of the stimuli of two trials."""
+    """Bytes of the decoded stimuli of two trials."""
     duration_s: float
-    """Of a session, answers in 1.5 s."""
+    """Length of a session, answers in 1.5 s."""
     window_px: Size
     """Smallest part of the screen that shows all of a trial."""
 
@@ -220,45 +219,51 @@ class WebBuild:
         needs = self.needs(sizes)
         check_budget(needs, self, budget_mb, decoded_mb)
         with whole_folder(out, replace=True, reads=[stimuli]) as work:
-            packs = {}
             (work / PACKS).mkdir()
-            for clip in self.stimuli:
-                packs[clip.name] = write_pack(stimuli, clip, work / PACKS)
-            written = WebStudy(
-                format=1,
-                study=self.study.study.name,
-                title=self.study.study.title,
-                protocol_sha256=self.study.sha256,
-                manifest_sha256=self.manifest.sha256,
-                revision=code_revision(),
-                default_language=self.study.text.default_language,
-                pages={language: self.page(language) for language in self.study.text.languages},
-                background=self._any_script.background,
-                window_px=needs.window_px,
-                screen_px=self._any_script.size_px,
-                design=design,
-                break_s=self.study.design.break_s,
-                rates=tuple(self._rate(rate) for rate in needs.rates_hz),
-                dropped_max=self.study.trial.dropped_frames_max,
-                continue_keys=self.study.response.continue_keys,
-                pause_keys=self.study.response.pause_keys,
-                quit_keys=self.study.response.quit_keys,
-                stimulus_px=self._any_script.stimulus_px,
-                stimuli=packs,
-                pictures=self._write_pictures(work / PICTURES),
-                decoded_bytes=needs.decoded_bytes,
-                **self.shown.web.model_dump(
-                    include={"identifier", "completion_url", "completion_code"}
-                )
-                if self.shown.web
-                else {},
-            )
+            packs = {clip.name: write_pack(stimuli, clip, work / PACKS) for clip in self.stimuli}
+            pictures = self._write_pictures(work / PICTURES)
+            written = self._study_file(design, needs, packs, pictures)
             for asset in sorted(files("study_app").joinpath("web/assets").iterdir(), key=str):
                 shutil.copyfile(str(asset), work / asset.name)
             (work / STUDY_FILE).write_text(
                 written.model_dump_json(indent=1) + "\n", encoding="utf-8", newline="\n"
             )
         return needs
+
+    def _study_file(
+        self,
+        design: WebDesign,
+        needs: BrowserNeeds,
+        packs: dict[str, Pack],
+        pictures: dict[str, PictureFile],
+    ) -> WebStudy:
+        return WebStudy(
+            format=1,
+            study=self.study.study.name,
+            title=self.study.study.title,
+            protocol_sha256=self.study.sha256,
+            manifest_sha256=self.manifest.sha256,
+            revision=code_revision(),
+            default_language=self.study.text.default_language,
+            pages={language: self.page(language) for language in self.study.text.languages},
+            background=self._any_script.background,
+            window_px=needs.window_px,
+            screen_px=self._any_script.size_px,
+            design=design,
+            break_s=self.study.design.break_s,
+            rates=tuple(self._rate(rate) for rate in needs.rates_hz),
+            dropped_max=self.study.trial.dropped_frames_max,
+            continue_keys=self.study.response.continue_keys,
+            pause_keys=self.study.response.pause_keys,
+            quit_keys=self.study.response.quit_keys,
+            stimulus_px=self._any_script.stimulus_px,
+            stimuli=packs,
+            pictures=pictures,
+            decoded_bytes=needs.decoded_bytes,
+            **self.shown.web.model_dump(include={"identifier", "completion_url", "completion_code"})
+            if self.shown.web
+            else {},
+        )
 
     def page(self, language: str) -> WebPages:
         """Return the texts that a participant reads beside trials."""
@@ -279,10 +284,7 @@ class WebBuild:
             preparing=filled(texts.preparing),
             quit_question=filled(texts.quit_question),
             thanks=filled(texts.thanks),
-            questions=tuple(
-                WebQuestion(name=one.name, text=one.text, choices=one.choices)
-                for one in texts.questions
-            ),
+            questions=texts.questions,
         )
 
     @property
@@ -333,13 +335,8 @@ class WebBuild:
             practice=practice,
             phases=tuple(
                 WebPhase(
-                    name=phase.name,
-                    frames=phase.frames,
+                    **phase.model_dump(exclude={"show", "follows"}),
                     show=tuple(map(self._entry, phase.show)),
-                    gate_frames=phase.gate_frames,
-                    watched=phase.watched,
-                    question=phase.question,
-                    timeout_frames=phase.timeout_frames,
                     follows={how: self._placed(one) for how, one in phase.follows.items()},
                 )
                 for phase in script.phases

@@ -58,13 +58,12 @@ from protocols.journal import (
 from protocols.journal_file import JOURNAL_NAME
 from protocols.limits import check_within
 from protocols.manifest import Manifest
-from protocols.plan import PlannedTrial, make_plan
-from protocols.script import Scripts, TrialScript
+from protocols.plan import make_plan
+from protocols.script import Scripts
 from protocols.study_file.problems import in_words
 from protocols.study_file.schema import StudyProtocol
 from study_app.attempt import AttemptLog, run_attempt
 from study_app.attempt_record import WatchedGaze, attempt_event
-from study_app.live.in_trials import KeptPixels, SessionGaze
 from study_app.recorder import Recorder, journal_held, write_numbered
 from study_app.session import (
     AskConsent,
@@ -78,7 +77,7 @@ from study_app.session import (
     next_step,
 )
 from study_app.session_folders import find_sessions, session_folder
-from study_app.stage import FlipPicture, FlipReport, KeyPress, Page, PageResult
+from study_app.stage import FlipPicture, FlipReport, KeyPress
 from study_app.trial import Trial
 
 EVIDENCE = "animation frame"
@@ -490,9 +489,8 @@ class RebuiltSession:
 
         def write(trial: Trial, log: AttemptLog) -> None:
             stage.written = True
-            kept, watched = stage.kept(), WatchedGaze()
             made.append(
-                attempt_event(step, trial, log, script, self.manifest, recorder, kept, watched)
+                attempt_event(step, trial, log, script, self.manifest, recorder, {}, WatchedGaze())
             )
 
         try:
@@ -560,23 +558,6 @@ class ReplayedStage:
         """Return the disturbance between participant and page after this flip."""
         flip, what = self._line.disturbed or (-1, "")
         return DISTURBANCES[what] if flip == self._shown - 1 else ""
-
-    def prepare(self, _trial: PlannedTrial, _script: TrialScript, _attempt: int, /) -> None:
-        """Nothing to load."""
-
-    def expect(self, _trial: PlannedTrial) -> None:
-        """Nothing to load."""
-
-    def follow(self, _gaze: SessionGaze, *, polled: bool) -> None:
-        """Nothing follows the gaze in a browser."""
-
-    def kept(self) -> Mapping[int, KeptPixels]:
-        """Return nothing: a browser keeps no pixels."""
-        return {}
-
-    def page(self, _page: Page) -> PageResult:
-        """Never asked: pages are not part of an attempt."""
-        raise NotImplementedError
 
 
 def _named(step: Step) -> str:

@@ -10,8 +10,8 @@ import re
 import uuid
 import zipfile
 from pathlib import Path
-from typing import Any
 
+from protocols.disk.hashing import Json
 from protocols.disk.whole_file import whole_path
 from protocols.errors import StudyError
 from protocols.limits import FIXED
@@ -24,8 +24,8 @@ OURS = ("PersonalSingle", "GeneralSingle", "MT")
 _HTML = re.compile(r"<[a-zA-Z/!]")
 
 
-def describe(name: str, title: str, page: str, identity: str, people: int) -> dict[str, Any]:
-    """Return the text of a ``.jas`` on a study with one page.
+def describe(name: str, title: str, page: str, identity: str, people: int) -> dict[str, Json]:
+    """Return the data of a ``.jas`` on a study with one page.
 
     Parameters
     ----------
@@ -46,48 +46,45 @@ def describe(name: str, title: str, page: str, identity: str, people: int) -> di
 
     shown = _HTML.sub("(", title)[:255]
     return {
-        "version": VERSION,
-        "data": {
-            "uuid": named("study"),
-            "title": shown,
-            "description": "",
-            "groupStudy": False,
-            "linearStudy": False,
-            "allowPreview": False,
-            "dirName": f"{name}-study" if name in RESERVED else name,
-            "comments": "",
-            "jsonData": None,
-            "endRedirectUrl": None,
-            "studyEntryMsg": None,
-            "componentList": [
-                {
-                    "uuid": named("component"),
-                    "title": shown,
-                    "htmlFilePath": page,
-                    "reloadable": True,
-                    "active": True,
-                    "comments": "",
-                    "jsonData": None,
-                }
-            ],
-            "batchList": [
-                {
-                    "uuid": named("batch"),
-                    "title": "Default",
-                    "active": True,
-                    "maxActiveMembers": None,
-                    "maxTotalMembers": None,
-                    "maxTotalWorkers": people,
-                    "allowedWorkerTypes": list(OURS),
-                    "comments": None,
-                    "jsonData": None,
-                }
-            ],
-        },
+        "uuid": named("study"),
+        "title": shown,
+        "description": "",
+        "groupStudy": False,
+        "linearStudy": False,
+        "allowPreview": False,
+        "dirName": f"{name}-study" if name in RESERVED else name,
+        "comments": "",
+        "jsonData": None,
+        "endRedirectUrl": None,
+        "studyEntryMsg": None,
+        "componentList": [
+            {
+                "uuid": named("component"),
+                "title": shown,
+                "htmlFilePath": page,
+                "reloadable": True,
+                "active": True,
+                "comments": "",
+                "jsonData": None,
+            }
+        ],
+        "batchList": [
+            {
+                "uuid": named("batch"),
+                "title": "Default",
+                "active": True,
+                "maxActiveMembers": None,
+                "maxTotalMembers": None,
+                "maxTotalWorkers": people,
+                "allowedWorkerTypes": list(OURS),
+                "comments": None,
+                "jsonData": None,
+            }
+        ],
     }
 
 
-def write(folder: Path, description: dict[str, Any], out: Path) -> None:
+def write(folder: Path, description: dict[str, Json], out: Path) -> None:
     """Write an archive of a folder; the same folder gives the same bytes.
 
     Raises
@@ -97,11 +94,11 @@ def write(folder: Path, description: dict[str, Any], out: Path) -> None:
     """
     if out.exists():
         raise StudyError(f"{out}: must not exist yet; name a new file, or remove it")
-    name = description["data"]["dirName"]
+    name = description["dirName"]
     with whole_path(out) as part:
         with zipfile.ZipFile(part, "w", zipfile.ZIP_STORED) as archive:
-            text = json.dumps(description, ensure_ascii=False).encode()
-            archive.writestr(zipfile.ZipInfo(f"{name}.jas"), text)
+            text = json.dumps({"version": VERSION, "data": description}, ensure_ascii=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.jas"), text.encode())
             for path in sorted(folder.rglob("*")):
                 if path.is_file() and not path.name.startswith("."):
                     place = zipfile.ZipInfo(f"{name}/{path.relative_to(folder).as_posix()}")

@@ -122,7 +122,7 @@ def test_the_archive_is_one_that_jatos_takes(exported, lab):
 
 @pytest.mark.parametrize(("title", "shown"), [("A <b>x", "A (>x"), ("é" * 300, "é" * 255)])
 def test_a_title_is_one_that_jatos_takes(title, shown):
-    said = jzip.describe("s", title, "index.html", "id", 1)["data"]
+    said = jzip.describe("s", title, "index.html", "id", 1)
     assert said["title"] == said["componentList"][0]["title"] == shown
 
 

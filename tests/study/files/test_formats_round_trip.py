@@ -34,12 +34,7 @@ from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import Design, Gaze, Practice, Response, TrialTiming
 from protocols.tasks.task_kinds import TASKS
 
-EVENTS = [getattr(journal, name) for name in journal.__all__]
-EVENTS = [
-    entry
-    for entry in EVENTS
-    if isinstance(entry, type) and issubclass(entry, journal.Event) and entry is not journal.Event
-]
+EVENTS = get_args(get_args(journal.AnyEvent)[0])
 
 
 def values(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:

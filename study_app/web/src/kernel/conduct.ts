@@ -3,7 +3,7 @@
  * As `study_app/conduct.py`, with promises. The stage knows the DOM, this does not.
  */
 import { AttemptRun } from "./attempt";
-import type { EndLine, RefreshRate, WebPages, WebQuestion, WebStudy } from "./formats";
+import type { EndLine, RefreshRate, WebPages, ClosingQuestion, WebStudy } from "./formats";
 import type { LineLog } from "./lines";
 import { makePlan, type PlannedTrial } from "./plan";
 import { following, nextStep, type Attempt, type Step } from "./session";
@@ -26,7 +26,7 @@ export interface Page {
   readonly text: string;
   /** Shortest time on the page, s; a participant who goes on earlier stays. */
   readonly least_s: number;
-  readonly question: WebQuestion | null;
+  readonly question: ClosingQuestion | null;
   /** Text that was typed or chosen before the question was left. */
   readonly draft: string;
   /** Share of the session that is done, shown as a bar; 0: nothing is shown. */

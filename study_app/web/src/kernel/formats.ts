@@ -29,6 +29,13 @@ export interface WebStudy {
   /** Smallest part of the screen, about its middle, that shows all of a trial. */ readonly window_px: readonly [number, number];
 }
 
+/** A question after the last block. */
+export interface ClosingQuestion {
+  /** Default: free text. */ readonly choices: readonly string[];
+  /** Its column in tables. */ readonly name: string;
+  /** Text of the question. */ readonly text: string;
+}
+
 /** A rectangle of one grey. */
 export interface Fill {
   readonly grey: number;
@@ -152,7 +159,7 @@ export interface WebPages {
   readonly paused: string;
   readonly practice: string;
   readonly preparing: string;
-  readonly questions: readonly WebQuestion[];
+  readonly questions: readonly ClosingQuestion[];
   readonly quit_question: string;
   readonly start: string;
   readonly thanks: string;
@@ -176,13 +183,6 @@ export interface WebPractice {
   /** Share of right answers below which another round follows. Null: one round only. */ readonly criterion_share: number | null;
   readonly rounds: number;
   /** Trials of a round. */ readonly trials: number;
-}
-
-/** A question after the last block. */
-export interface WebQuestion {
-  /** None: the answer is free text. */ readonly choices: readonly string[];
-  readonly name: string;
-  readonly text: string;
 }
 
 /** The script of all trials that have these answers in this order. */
