@@ -28,7 +28,7 @@ from protocols.viewing import Viewing
 from study_app.attempt import AttemptLog, AttemptResult, GazeWatcher, run_attempt
 from study_app.attempt_record import WatchedGaze, attempt_event
 from study_app.gaze.fixation import FixationMonitor
-from study_app.gaze.gaze_check import GazeCheck, Validate
+from study_app.gaze.gaze_check import GazeCheck
 from study_app.gaze.saccades import SaccadeWatch
 from study_app.gaze.source import GazeSource, RawFile, Tracker
 from study_app.pacing import cannot_keep_up
@@ -75,7 +75,7 @@ def conduct(
     stage: Stage,
     gaze: GazeSource | None,
     listener: SessionListener | None = None,
-    validate: Validate | None = None,
+    gaze_check: GazeCheck | None = None,
 ) -> RunOutcome:
     """Run a session from where its journal stands to its end, or until it is stopped.
 
@@ -89,7 +89,7 @@ def conduct(
         Open.
     listener : SessionListener
         Told every attempt, and what happens when.
-    validate : callable, optional
+    gaze_check : GazeCheck, optional
         Validates the gaze source before each block; left out: nothing is validated.
 
     Raises
@@ -101,7 +101,7 @@ def conduct(
         journal says so.
     """
     conductor = _Conductor(
-        setup, plan, recorder, stage, gaze, listener or SessionListener(), validate
+        setup, plan, recorder, stage, gaze, listener or SessionListener(), gaze_check
     )
     try:
         reason = conductor.run()
@@ -139,7 +139,7 @@ class _Conductor:
         stage: Stage,
         gaze: GazeSource | None,
         listener: SessionListener,
-        validate: Validate | None,
+        gaze_check: GazeCheck | None,
     ) -> None:
         start = recorder.events[0]
         assert isinstance(start, SessionStart)
@@ -167,9 +167,7 @@ class _Conductor:
                 watch = SaccadeWatch(math.radians(viewing.distance_mm / viewing.pitch_x_mm))
             self._watcher = GazeWatcher(gaze, monitor, watch)
             stage.follow(self._watcher, polled=info.polled)
-        self._gaze_check = None
-        if validate is not None and self._watcher is not None:
-            self._gaze_check = GazeCheck(validate, self._protocol, recorder, stage)
+        self._gaze_check = gaze_check if self._watcher is not None else None
 
     def run(self) -> EndReason:
         """Do step after step."""

@@ -26,12 +26,11 @@ from study_app.desktop.display_check import (
     write_report,
 )
 from study_app.desktop.window import Window
-from study_app.gaze.gaze_check import Targets, TrackerCalibration, Validate
+from study_app.gaze.gaze_check import GazeCheck, Targets
 from study_app.gaze.lsl import LslMarkers
 from study_app.gaze.open_source import open_gaze
 from study_app.gaze.simulated import HUMAN, SimulatedGaze
-from study_app.gaze.source import CalibrationResult, GazeSource, TrackerContext
-from study_app.gaze.validation import summarise, unfit_gaze, validate
+from study_app.gaze.source import GazeSource, TrackerContext
 from study_app.live.in_trials import too_dear
 from study_app.observers import rng_of
 from study_app.opening import begin, resume
@@ -70,10 +69,10 @@ def run_session(
     with ExitStack() as stack:
         opened = _OpenSession(setup, listener, stack)
         recorder, plan = opened.begin(resuming=resuming)
-        validation = opened.validation(recorder)
+        gaze_check = opened.gaze_check(recorder)
         with recorder, _signals_quit(opened.window, setup.protocol):
             return conduct(
-                opened.setup, plan, recorder, opened.presenter, opened.gaze, listener, validation
+                opened.setup, plan, recorder, opened.presenter, opened.gaze, listener, gaze_check
             )
 
 
@@ -147,18 +146,16 @@ class _OpenSession:
             recorder.note(note)
         return recorder, plan
 
-    def validation(self, recorder: Recorder) -> Validate | None:
+    def gaze_check(self, recorder: Recorder) -> GazeCheck | None:
         """Return the validation of the gaze source; None, and a note, where there is none."""
         if self.gaze is None:
             return None
         if not self.setup.validate:
             recorder.note("gaze was not validated")
             return None
-        viewing = Viewing.of(self.setup.display)
-        calibrate = TrackerCalibration(
-            self.gaze, self._targets, self.setup.protocol.gaze, viewing, recorder
+        return GazeCheck(
+            self.gaze, self.setup, self.presenter, recorder, self._targets, self._listener
         )
-        return _validation(viewing, self.gaze, self.presenter, self._listener, calibrate)
 
 
 def require_live(presenter: Presenter, setup: SessionSetup, renderer: str) -> str:
@@ -210,34 +207,6 @@ def _restart(setup: SessionSetup, gaze: GazeSource | None) -> Callable[[PlannedT
             gaze.restart(int(rng.integers(2**63)))
 
     return restart
-
-
-def _validation(
-    viewing: Viewing,
-    gaze: GazeSource,
-    presenter: Presenter,
-    listener: SessionListener,
-    calibrated: TrackerCalibration,
-) -> Callable[[], CalibrationResult | None]:
-    def on_target(target_px: tuple[float, float]) -> None:
-        if isinstance(gaze, SimulatedGaze):
-            gaze.look_at(viewing.to_deg(*target_px))
-
-    def run() -> CalibrationResult | None:
-        if not calibrated():
-            return None
-        points = validate(gaze, viewing, presenter.look_at, on_target)
-        if isinstance(gaze, SimulatedGaze):
-            gaze.look_at(None)
-        if points is None:
-            return None
-        calibrated.fit = False  # an eye that is not seen needs a calibration too
-        result = summarise(points)
-        calibrated.fit = not unfit_gaze(calibrated.rules, result)
-        listener.on_validation(points, result)
-        return result
-
-    return run
 
 
 @contextmanager

@@ -156,7 +156,7 @@ def _views(panorama: bool) -> Iterator[Path | None]:
 def subjects_of(
     options: ScoreOptions, first: Path, views: Path | None
 ) -> tuple[Subjects, ScoreSettings]:
-    """Return what is compared, and how; panoramas by way of flat views in the folder `views`.
+    """Return the subjects and settings of a comparison; panoramas by flat views in `views`.
 
     Raises
     ------

@@ -64,7 +64,7 @@ def requirements() -> list[Requirement]:
 
 
 def check_python(loops_ms: Answer) -> list[Finding]:
-    """Whether another Python of this machine would do all of it faster; nothing if none would.
+    """Another Python of this machine that would do all of it faster; nothing if none would.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ NAMES = ("python3", "/usr/bin/python3", "python3.14", "python3.13", "python3.12"
 
 
 def loop_ms() -> int:
-    """Return what a fixed loop takes here, the least of three."""
+    """Return the milliseconds of a fixed loop here, the least of three."""
 
     def once() -> float:
         start_s, total = time.process_time(), 0

@@ -8,18 +8,22 @@ from dataclasses import dataclass
 
 from protocols.errors import StudyError
 from protocols.journal import Calibration
-from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import Gaze
 from protocols.viewing import Viewing
+from study_app.gaze.simulated import SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource, LookAt, Tracker
-from study_app.gaze.validation import EyeUnseenError, nine_points_px, unfit_gaze
+from study_app.gaze.validation import (
+    EyeUnseenError,
+    nine_points_px,
+    summarise,
+    unfit_gaze,
+    validate,
+)
 from study_app.recorder import Recorder
+from study_app.session_setup import SessionListener, SessionSetup
 from study_app.stage import Page, Stage
 
 VALIDATIONS_MAX = 3
 """Poor validations in a row before the run ends; calibrate the tracker, and resume."""
-Validate = Callable[[], CalibrationResult | None]
-"""Shows the targets of a validation; None where the participant or operator quit."""
 
 
 @dataclass
@@ -44,46 +48,39 @@ class Targets:
         return not self.quit
 
 
-@dataclass
-class TrackerCalibration:
-    """Has a tracker calibrated before its first validation, and again where that was poor."""
-
-    gaze: GazeSource
-    targets: Targets
-    rules: Gaze
-    viewing: Viewing
-    recorder: Recorder
-    fit: bool = False
-    """True if the last validation was good enough."""
-
-    def __call__(self) -> bool:
-        """Calibrate, or check drift, if the tracker can; False where someone quit."""
-        if not isinstance(self.gaze, Tracker):
-            return True
-        middle_px = self.viewing.width_px / 2, self.viewing.height_px / 2
-        drift_deg = self.gaze.check_drift(middle_px) if self.fit else None
-        if drift_deg is not None:
-            found = f"{drift_deg:.2f} deg" if math.isfinite(drift_deg) else "no fixation"
-            self.recorder.note(f"gaze: the tracker's drift check found {found}")
-        if not self.fit or (drift_deg or 0.0) > self.rules.accuracy_max_deg:
-            own = None if self.targets.quit else self.gaze.calibrate(nine_points_px(self.viewing))
-            if own is not None:
-                error = f"{own.accuracy_deg:.2f} deg at " if own.points else ""
-                self.recorder.note(
-                    f"gaze: the tracker's own calibration: {error}{own.points} valid points"
-                )
-        stopped, self.targets.quit = self.targets.quit, False
-        return not stopped
-
-
 class GazeCheck:
-    """Has gaze validated once per block and run of the program."""
+    """Has gaze calibrated and validated once per block and run of the program.
+
+    A tracker is calibrated before its first validation, and again where that was poor.
+
+    Parameters
+    ----------
+    gaze : GazeSource
+        Open.
+    setup : SessionSetup
+        With the rules of gaze, and the display.
+    stage, recorder : Stage, Recorder
+        Of the session.
+    targets : Targets
+        Shows them, in the stage's window.
+    listener : SessionListener, optional
+        Told every validation.
+    """
 
     def __init__(
-        self, validate: Validate, protocol: StudyProtocol, recorder: Recorder, stage: Stage
+        self,
+        gaze: GazeSource,
+        setup: SessionSetup,
+        stage: Stage,
+        recorder: Recorder,
+        targets: Targets,
+        listener: SessionListener | None = None,
     ) -> None:
-        self._validate, self._protocol = validate, protocol
-        self._recorder, self._stage = recorder, stage
+        self._gaze, self._protocol = gaze, setup.protocol
+        self._viewing, self._targets = Viewing.of(setup.display), targets
+        self._stage, self._recorder = stage, recorder
+        self._listener = listener or SessionListener()
+        self._fit = False  # the last validation was good enough
         self._passed: int | None = None
 
     def passed(self, block: int) -> bool:
@@ -115,6 +112,53 @@ class GazeCheck:
             if not tries_left or not self._again(complaint):
                 raise StudyError(complaint)
         raise AssertionError("the last validation passes or raises")
+
+    def _validate(self) -> CalibrationResult | None:
+        """Calibrate where it must be, and show the targets; None where someone quit."""
+        gaze, viewing, show = self._gaze, self._viewing, self._targets.show
+        assert show is not None, "no block has begun"
+
+        def on_target(target_px: tuple[float, float]) -> None:
+            if isinstance(gaze, SimulatedGaze):
+                gaze.look_at(viewing.to_deg(*target_px))
+
+        if not self._calibrate():
+            return None
+        points = validate(
+            gaze,
+            viewing,
+            lambda place_px, duration_s, poll: show(place_px, duration_s, poll, lambda _: None),
+            on_target,
+        )
+        if isinstance(gaze, SimulatedGaze):
+            gaze.look_at(None)
+        if points is None:
+            return None
+        self._fit = False  # an eye that is not seen needs a calibration too
+        result = summarise(points)
+        self._fit = not unfit_gaze(self._protocol.gaze, result)
+        self._listener.on_validation(points, result)
+        return result
+
+    def _calibrate(self) -> bool:
+        """Calibrate, or check drift, if the tracker can; False where someone quit."""
+        gaze, viewing, targets = self._gaze, self._viewing, self._targets
+        if not isinstance(gaze, Tracker):
+            return True
+        middle_px = viewing.width_px / 2, viewing.height_px / 2
+        drift_deg = gaze.check_drift(middle_px) if self._fit else None
+        if drift_deg is not None:
+            found = f"{drift_deg:.2f} deg" if math.isfinite(drift_deg) else "no fixation"
+            self._recorder.note(f"gaze: the tracker's drift check found {found}")
+        if not self._fit or (drift_deg or 0.0) > self._protocol.gaze.accuracy_max_deg:
+            own = None if targets.quit else gaze.calibrate(nine_points_px(viewing))
+            if own is not None:
+                error = f"{own.accuracy_deg:.2f} deg at " if own.points else ""
+                self._recorder.note(
+                    f"gaze: the tracker's own calibration: {error}{own.points} valid points"
+                )
+        stopped, targets.quit = targets.quit, False
+        return not stopped
 
     def _record(self, result: CalibrationResult) -> None:
         self._recorder.append(

@@ -14,10 +14,9 @@ from protocols.load import load_display, load_protocol
 from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.conduct import conduct
-from study_app.gaze.gaze_check import Targets, TrackerCalibration
+from study_app.gaze.gaze_check import GazeCheck, Targets
 from study_app.gaze.source import TrackerContext
 from study_app.gaze.trusted import TrustedGaze
-from study_app.gaze.validation import summarise, unfit_gaze, validate
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin
 from study_app.simulate import SimulatedStudy
@@ -166,17 +165,15 @@ def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **
     observer.tracker = eye, gaze, clock
     setup = SimulatedStudy(study, FHD).setup(folder, clock, "S001")
     recorder, plan = begin(setup, stage, gaze)
-    calibrated = TrackerCalibration(gaze, targets, study.gaze, VIEWING, recorder)
     asked = []
 
-    def validation():
-        if not calibrated():
-            return None
-        asked.extend(shown)
-        result = summarise(validate(gaze, VIEWING, look_at))
-        calibrated.fit = not unfit_gaze(study.gaze, result)
-        return result
+    class Check(GazeCheck):
+        def _calibrate(self):
+            done = super()._calibrate()
+            asked.extend(shown)
+            return done
 
+    check = Check(gaze, setup, stage, recorder, targets) if validates else None
     try:
         with recorder:
             conduct(
@@ -185,7 +182,7 @@ def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **
                 recorder,
                 stage,
                 gaze,
-                validate=validation if validates else None,
+                gaze_check=check,
             )
     finally:
         gaze.close()

@@ -9,14 +9,16 @@ from pathlib import Path
 import pytest
 
 from protocols.errors import StudyError
+from protocols.feasibility import virtual_manifest
 from protocols.journal import Calibration, Note, SideFile, event_line
-from protocols.load import load_protocol
+from protocols.load import load_display, load_protocol
 from protocols.viewing import Viewing
-from study_app.gaze.gaze_check import GazeCheck, Targets, TrackerCalibration
+from study_app.gaze.gaze_check import GazeCheck, Targets
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
 from study_app.gaze.validation import PointQuality, point_quality, summarise
 from study_app.recorder import Recorder
+from study_app.session_setup import SessionSetup
 from study_app.stage import PageResult
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "gaze_quality.json").read_text())
@@ -76,6 +78,11 @@ def test_lines_without_what_came_later_are_the_bytes_that_they_were():
     assert b"tracker/0001.xml" in event_line(kept)
 
 
+def setup_of(study):
+    display = load_display("fhd27-60hz")
+    return SessionSetup(study, display, virtual_manifest(study, display), Path(), "P01")
+
+
 class Asking:
     """A tracker whose calibration shows one target."""
 
@@ -114,18 +121,16 @@ class Asking:
 def test_a_quit_key_during_the_trackers_own_routine_stops_the_block_and_asks_anew_later():
     targets, going = Targets(lambda *_: going[0]), [False]
     tracker = Asking(targets)
-    calibrated = TrackerCalibration(
-        tracker, targets, load_protocol(Path("demo")).gaze, VIEWING, None
-    )
+    check = GazeCheck(tracker, setup_of(load_protocol(Path("demo"))), None, None, targets)
 
-    assert not calibrated()
+    assert not check._calibrate()
     going[0] = True
-    assert calibrated()
+    assert check._calibrate()
     assert tracker.calibrated == 2
-    calibrated.fit = True  # validated: from here on only drift is checked
-    assert calibrated()
+    check._fit = True  # validated: from here on only drift is checked
+    assert check._calibrate()
     going[0] = False
-    assert not calibrated()
+    assert not check._calibrate()
     assert tracker.calibrated == 2
 
 
@@ -149,7 +154,8 @@ def test_calibration_is_offered_again_where_the_eye_is_not_seen():
             return PageResult(study.response.continue_keys[0], "", 0.0)
 
     tries = [unseen, seen]
-    check = GazeCheck(lambda: summarise([tries.pop(0)]), study, Told(), Asked())
+    check = GazeCheck(None, setup_of(study), Asked(), Told(), Targets())
+    check._validate = lambda: summarise([tries.pop(0)])
     assert check.passed(0)
     assert [event.kind for event in told] == ["note", "calibration"]
     assert "the eye must be seen at every target (not at (960, 540) px)" in pages[0].text
