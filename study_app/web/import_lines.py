@@ -378,17 +378,19 @@ class RebuiltSession:
         ContradictionError
             Naming the line that does not follow from those before it.
         """
-        with self.begin(folder) as recorder:
+        with Recorder.create(folder, lambda: self._now_s, lambda: self.line.at) as recorder:
+            recorder.waits_for_disk = False
+            self._now_s = self.begun.t_s
+            recorder.append(self._start(recorder))
             for line in self.lines[1:]:
-                self.take(line, recorder)
-
-    def begin(self, folder: Path) -> Recorder:
-        """Return a journal in a new folder that holds the first line."""
-        recorder = Recorder.create(folder, lambda: self._now_s, lambda: self.line.at)
-        recorder.waits_for_disk = False
-        self._now_s = self.begun.t_s
-        recorder.append(self._start(recorder))
-        return recorder
+                self.line, self._now_s = line, line.t_s
+                recorder.append(self._event(line, recorder))
+                if not isinstance(line, AttemptLine):
+                    continue
+                self.attempts += 1
+                if line.disturbed:
+                    text = DISTURBANCES[line.disturbed[1]]
+                    recorder.append(Note(**recorder.stamps(), text=text))
 
     def _start(self, recorder: Recorder) -> SessionStart:
         begun = self.begun
@@ -417,56 +419,36 @@ class RebuiltSession:
             ),
         )
 
-    def next_step(self, recorder: Recorder) -> Step:
-        """Return the next step, after all that was taken."""
-        return next_step(self.study, self.plan, recorder.events, self.begun.language)
-
-    def take(self, line: AnyLine, recorder: Recorder) -> None:
-        """Write what a line says, if it is what comes next.
-
-        Raises
-        ------
-        ContradictionError
-            If it is not.
-        """
-        self.line, self._now_s = line, line.t_s
-        recorder.append(self._event(line, recorder))
-        if isinstance(line, AttemptLine):
-            self.attempts += 1
-            if line.disturbed:
-                recorder.append(Note(**recorder.stamps(), text=DISTURBANCES[line.disturbed[1]]))
-
     def _event(self, line: AnyLine, recorder: Recorder) -> AnyEvent:
         """Return the journal's event of a line: what it says, and what follows from the plan."""
-        match line:
-            case ResumeLine():
-                self.reason = ""
-                return SessionResume(
-                    **recorder.stamps(),
-                    revision=self.begun.revision,
-                    versions={},
-                    display_report=None,
-                    gaze=None,
-                    torn_file=None,
-                )
-            case EndLine(reason=reason):
-                self.reason = reason
-                done = sum(one.decides for one in recorder.events if isinstance(one, Attempt))
-                return SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done)
-            case AttemptLine():
-                return self._attempt(line, recorder)
-            case PauseLine() | NoteLine():
-                planned: Mapping[str, object] = {}
-            case _:
-                planned = self._planned(line, self.next_step(recorder))
+        if isinstance(line, ResumeLine):
+            self.reason = ""
+            return SessionResume(
+                **recorder.stamps(),
+                revision=self.begun.revision,
+                versions={},
+                display_report=None,
+                gaze=None,
+                torn_file=None,
+            )
+        if isinstance(line, EndLine):
+            self.reason = line.reason
+            done = sum(one.decides for one in recorder.events if isinstance(one, Attempt))
+            return SessionEnd(**recorder.stamps(), reason=line.reason, completed_trials=done)
+        planned: Mapping[str, object] = {}
+        if not isinstance(line, PauseLine | NoteLine):
+            step = next_step(self.study, self.plan, recorder.events, self.begun.language)
+            if isinstance(step, RunTrial) and isinstance(line, AttemptLine):
+                return self._attempt(step, line, recorder)
+            planned = self._planned(step, line)
         return EVENT.validate_python({**line.told(), **planned, **recorder.stamps()})
 
-    def _planned(self, line: AnyLine, step: Step) -> Mapping[str, object]:
+    def _planned(self, step: Step, line: AnyLine) -> Mapping[str, object]:
         """Return fields of the event that no line says, if the line is what comes next."""
         match step, line:
             case AskConsent(), ConsentLine():
                 return {"language": self.begun.language}
-            case StartBlock(block=due), BlockStartLine(block=block) if block == due:
+            case StartBlock(block=due), BlockStartLine(block=said) if said == due:
                 return {"trials": step.trials}
             case EndBlock(due), BlockEndLine(block=said) if said == due:
                 return {}
@@ -476,11 +458,8 @@ class RebuiltSession:
                 return {}
         raise self._wrong(f"must be what comes next, {_named(step)}", line.kind)
 
-    def _attempt(self, line: AttemptLine, recorder: Recorder) -> Attempt:
+    def _attempt(self, step: RunTrial, line: AttemptLine, recorder: Recorder) -> Attempt:
         """Run a trial again on what was observed; return the event of what comes out."""
-        step = self.next_step(recorder)
-        if not isinstance(step, RunTrial):
-            raise self._wrong(f"must be what comes next, {_named(step)}", line.kind)
         planned = (step.trial.id, step.attempt, step.position)
         self._check(line, ("trial", "attempt", "position"), planned, "as the plan has it")
         script = self.scripts.of(step.trial)
