@@ -21,6 +21,7 @@ from analysis.models.detection import (
     YesNoCondition,
     YesNoResults,
     d_prime_influence,
+    discrimination,
     yes_no,
 )
 from analysis.models.logistic import ModelFit, glmm_probit
@@ -504,11 +505,8 @@ class ChoiceSensitivity(DiscriminationResults):
         return self.contrasts
 
 
-Sense = Callable[[pd.DataFrame, RatePlan], DiscriminationResults]
-
-
 class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
-    """d' from shares of right answers; `sense` takes it from prepared rows.
+    """d' from shares of right answers, by the plan's answer rule.
 
     `sides`: its two answers are places, of which one may be preferred.
     """
@@ -516,12 +514,16 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
     name: ClassVar[str] = "sensitivity"
     section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
 
-    def __init__(self, sense: Sense, *, sides: bool = False) -> None:
-        self._sense, self._sides = sense, sides
+    def __init__(self, *, sides: bool = False) -> None:
+        self._sides = sides
 
     def of(self, table: pd.DataFrame, plan: RatePlan) -> ChoiceSensitivity:
         """Turn shares into d'; compare them as shares."""
-        found, answers, answered = self._sense(table, plan), answers_in(table, plan), None
+        reference = baseline_in(table, plan)
+        found = discrimination(
+            table, plan.answer_rule, plan.compared, reference=reference, level=plan.confidence
+        )
+        answers, answered = answers_in(table, plan), None
         if self._sides and answers:
             said = (table["answer"] == answers[0]).astype(float)
             answered = rate(said, grid(table), condition=answers[0], level=plan.confidence)

@@ -161,7 +161,7 @@ def rate_plan(study: StudyProtocol) -> RatePlan:
         planned_participants=study.study.participants,
         planned_trials=rule.trials_of(task, pool) if rule else len(cells) * pool.repeats,
         shape=shape,
-        rule=getattr(analysis, "rule", "alternatives"),
+        rule=getattr(analysis, "rule", task.rule),
     )
 
 
@@ -184,6 +184,8 @@ def rate_plan_of_table(
     section: RateTableSection,
     answers: tuple[str, ...],
     plan: type[RatePlan] = RatePlan,
+    *,
+    rule: str = "alternatives",
 ) -> RatePlan:
     """Return the plan of a table without a protocol.
 
@@ -234,7 +236,7 @@ def rate_plan_of_table(
         guess=getattr(section, "guess", 1.0 / len(answers)),
         log=getattr(section, "log", False),
         signal=getattr(section, "signal", ""),
-        rule=getattr(section, "rule", "alternatives"),
+        rule=getattr(section, "rule", rule),
         shape=section.shape,
         labels=section.label,
     )

@@ -5,20 +5,18 @@ options. It loads no statistics, so that they can list them.
 """
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, create_model
 
 from protocols.adaptive.answer_history import Shape
 from protocols.errors import StudyError, did_you_mean
-from protocols.tasks.abx import AbxAnalysis
 from protocols.tasks.base import Analysis
-from protocols.tasks.identification import IdentificationAnalysis
 from protocols.tasks.mixed import MixedAnalysis
 from protocols.tasks.pairs import Preferences
 from protocols.tasks.rates import RatesAnalysis
 from protocols.tasks.rating import RatingsAnalysis
-from protocols.tasks.which_half import WhichHalfAnalysis
 from protocols.tasks.yes_no import DetectionAnalysis
 from protocols.units import Model, Scalar
 
@@ -114,24 +112,23 @@ class DetectionTableSection(RateTableSection, DetectionAnalysis):
     """The answer that is right where the signal is, as the table writes it."""
 
 
-class IdentificationTableSection(RateTableSection, IdentificationAnalysis):
-    """Options of a table of identifications."""
+class _OpenTableSection(RateTableSection):
+    """Options of a table of a task whose answers its study names."""
 
-    kind: Literal["identification"] = "identification"
     alternatives: Annotated[int, Field(ge=2)] | None = None
     """Number of answers. Default: as many as the columns expected and answer hold."""
 
 
-class AbxTableSection(RateTableSection, AbxAnalysis):
-    """Options of a table of an ABX task."""
+@cache
+def table_section(section: type[Analysis], *, open_ended: bool) -> type[RateTableSection]:
+    """Return the options of a table of right answers to a task with this section.
 
-    kind: Literal["abx"] = "abx"
-
-
-class WhichHalfTableSection(RateTableSection, WhichHalfAnalysis):
-    """Options of a table of a which-half task."""
-
-    kind: Literal["which-half"] = "which-half"
+    `open_ended`: the task has other answers in each study.
+    """
+    own: type[RateTableSection] = _OpenTableSection if open_ended else RateTableSection
+    bases, kind = (own, section), section.own_kind()
+    made = [create_model(f"{section.__name__}OfTable", __base__=bases, kind=(str, kind))]
+    return next(one for one in made if issubclass(one, RateTableSection))
 
 
 class CurveTableSection(RateTableSection):

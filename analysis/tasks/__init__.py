@@ -6,6 +6,7 @@ asks them if a design can find anything at all.
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -14,14 +15,20 @@ from analysis.tasks.base import AnyAnalysis, TaskAnalysis
 from protocols.errors import StudyError, must_be_one_of
 from protocols.plugins import misfit, named, registered, taking
 from protocols.study_file.schema import StudyProtocol
-from protocols.tasks.task_kinds import SHIPPED, TASKS
+from protocols.tasks.task_kinds import SHIPPED, TASKS, TaskKind
 
 TABLE_TASKS = ("ratings", "reaction", "psychometric")
 """Kinds of analysis by which tables may name a task, as well as by the task's own name."""
+
+
+def _of_task(kind: TaskKind) -> object:
+    return named(f"{kind.analysis}.of")(kind.task)
+
+
 KINDS: Mapping[str, str | Callable[..., object]] = registered(
     "analyses",
     {
-        **{kind.task.analysis.own_kind(): kind.analysis for kind in SHIPPED.values()},
+        **{kind.task.analysis.own_kind(): partial(_of_task, kind) for kind in SHIPPED.values()},
         "psychometric": "analysis.tasks.rates:TableOfLevels",
         "reaction": "analysis.tasks.time_tables:TableOfTimes",
     },

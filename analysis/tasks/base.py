@@ -6,7 +6,7 @@ The report, the tables and the commands ask it, and know no task themselves.
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeAlias, TypeVar
 
 import pandas as pd
 
@@ -19,7 +19,7 @@ from analysis.tables.trials import answer_columns
 from protocols.columns import Column
 from protocols.errors import StudyError
 from protocols.study_file.schema import StudyProtocol
-from protocols.tasks.base import Analysis
+from protocols.tasks.base import Analysis, Task
 
 S = TypeVar("S", bound=Analysis)
 P = TypeVar("P", bound=AnalysisPlan)
@@ -40,16 +40,21 @@ class TaskAnalysis(ABC, Generic[S, P]):
                     f"{old} of an analysis is {new} since 0.4 (docs/from-0.3-to-0.4.md)"
                 )
 
-    kind: ClassVar[str]
+    kind: str
     """Kind in the section `[analysis]` of a study."""
-    task: ClassVar[str] = "decisions"
+    task: str = "decisions"
     """Word for several trials in a sentence."""
-    parts: ClassVar[tuple[AnyPart, ...]] = ()
+    parts: tuple[AnyPart, ...] = ()
     """Its statistics, in reading order."""
-    options: ClassVar[type[Analysis]]
+    options: type[Analysis]
     """Model of the section of a table without a protocol: `S`."""
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED}
     """Constants that results depend on; the report's provenance lists them."""
+
+    @classmethod
+    def of(cls, _task: type[Task]) -> Self:
+        """Return the analysis of a task."""
+        return cls()
 
     def plan(self, _study: StudyProtocol) -> P:
         """Return the plan that a protocol fixes.

@@ -1,12 +1,10 @@
 """The analysis of ordered ratings, kind `ratings`."""
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import pandas as pd
 
 from analysis.models.ordinal import lacking
-from analysis.parts import AnyPart
 from analysis.parts.learning import StepLearning
 from analysis.parts.random_effects import RatingEffects, TimeEffects
 from analysis.parts.ratings import RatingsPart
@@ -19,22 +17,21 @@ from analysis.tables.table import Source
 from analysis.tables.trials import as_decisions
 from analysis.tasks.base import TaskAnalysis
 from protocols.study_file.schema import StudyProtocol
-from protocols.tasks.base import Analysis
 
 
 class RatingsTask(TaskAnalysis[RatingTableSection, RatingPlan]):
     """A cumulative-link mixed model of ratings, or of graded comparisons of pairs."""
 
-    kind: ClassVar[str] = "ratings"
-    task: ClassVar[str] = "ratings"
-    parts: ClassVar[tuple[AnyPart, ...]] = (
+    kind = "ratings"
+    task = "ratings"
+    parts = (
         RatingsPart(),
         RatingEffects(RatingsPart()),
         StepLearning(),
         TimesPart(),
         TimeEffects(TimesPart()),
     )
-    options: ClassVar[type[Analysis]] = RatingTableSection
+    options = RatingTableSection
 
     def plan(self, study: StudyProtocol) -> RatingPlan:
         """Return the plan that a protocol fixes."""

@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import pandas as pd
 
 from analysis.models.cells import conditions
-from analysis.parts import AnalysisPlan, AnyPart, SectionKey
+from analysis.parts import AnalysisPlan, SectionKey
 from analysis.parts.correct import below_guessing
 from analysis.parts.random_effects import TimeEffects
 from analysis.parts.times import TimesPart
@@ -16,7 +15,6 @@ from analysis.tables.table import Source
 from analysis.tables.trials import as_decisions, read_times
 from analysis.tasks.base import TaskAnalysis
 from protocols.errors import StudyError, did_you_mean
-from protocols.tasks.base import Analysis
 from protocols.tasks.rates import name_of
 from protocols.units import Scalar
 
@@ -46,10 +44,10 @@ class TimesPlan(AnalysisPlan):
 class TableOfTimes(TaskAnalysis[TimeTableSection, TimesPlan]):
     """Reaction times by condition, whatever was answered."""
 
-    kind: ClassVar[str] = "reaction"
-    task: ClassVar[str] = "reaction times"
-    options: ClassVar[type[Analysis]] = TimeTableSection
-    parts: ClassVar[tuple[AnyPart, ...]] = (TimesPart(), TimeEffects(TimesPart()))
+    kind = "reaction"
+    task = "reaction times"
+    options = TimeTableSection
+    parts = (TimesPart(), TimeEffects(TimesPart()))
 
     def plan_of_table(
         self, decisions: pd.DataFrame, name: str, section: TimeTableSection

@@ -31,6 +31,7 @@ class Abx(ComparisonTask):
     analysis: ClassVar[type[Analysis]] = AbxAnalysis
     stimuli_per_trial: ClassVar[int] = 3
     rule: ClassVar[str] = "differencing"
+    decisions: ClassVar[str] = "ABX answers"
     every_answer: ClassVar[tuple[str, ...]] = ("a", "b")
 
     def arrangements(self, condition: Condition, pair: StimulusPair) -> Sequence[Arrangement]:

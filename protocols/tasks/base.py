@@ -169,6 +169,8 @@ class Task(ExtendedModel):
     stimuli_per_trial: ClassVar[int] = 1
     decides: ClassVar[bool] = False
     """True if an answer is a decision, right or wrong or a preference: one can be sure of it."""
+    decisions: ClassVar[str] = "decisions"
+    """Word for several trials in a sentence of a report."""
     every_answer: ClassVar[tuple[str, ...]] = ()
     """Names of the answers, where each study of the task has the same."""
 

@@ -31,6 +31,7 @@ class Identification(SingleStimulus):
     """The column whose value is the right answer."""
 
     analysis: ClassVar[type[Analysis]] = IdentificationAnalysis
+    decisions: ClassVar[str] = "identifications"
 
     def answers(self) -> tuple[str, ...]:
         """Return the alternatives."""

@@ -37,31 +37,31 @@ class TaskKind:
     """A function that yields the pictures of a new study with the recipe `files`."""
 
 
-_RATES, _PREFERENCE = "analysis.tasks.rates:", "analysis.tasks.preference:PreferenceOfPairs"
+_PREFERENCE = "analysis.tasks.preference:PreferenceOfPairs"
+_DISCRIMINATION = "analysis.tasks.rates:DiscriminationRates"
 _PREFERRING = "study_app.observers.preference_observer:PreferenceModel.of"
-_RIGHT, _EXAMPLES = "study_app.observers.right_or_wrong:", "stimuli.recipes.example_pictures:"
-_TEXTURES = f"{_EXAMPLES}blurred_textures"
+_RIGHT, _EXAMPLES = "study_app.observers.right_or_wrong", "stimuli.recipes.example_pictures"
+_DIFFERING = _DISCRIMINATION, f"{_RIGHT}:DifferenceModel.of", "files"
+_TEXTURES = f"{_EXAMPLES}:blurred_textures"
 SHIPPED = {
     "two-interval": TaskKind(TwoInterval, _PREFERENCE, _PREFERRING, "warped-clips"),
     "two-alternative": TaskKind(TwoAlternative, _PREFERENCE, _PREFERRING, "warped-clips"),
     "yes-no": TaskKind(
         YesNo,
-        f"{_RATES}DetectionRates",
-        f"{_RIGHT}DetectionModel.of",
+        "analysis.tasks.rates:DetectionRates",
+        f"{_RIGHT}:DetectionModel.of",
         "files",
-        f"{_EXAMPLES}gratings_in_noise",
+        f"{_EXAMPLES}:gratings_in_noise",
     ),
     "identification": TaskKind(
         Identification,
-        f"{_RATES}IdentificationRates",
-        f"{_RIGHT}SensitivityModel.of",
+        _DISCRIMINATION,
+        f"{_RIGHT}:SensitivityModel.of",
         "files",
-        f"{_EXAMPLES}rings",
+        f"{_EXAMPLES}:rings",
     ),
-    "abx": TaskKind(Abx, f"{_RATES}AbxRates", f"{_RIGHT}DifferenceModel.of", "files", _TEXTURES),
-    "which-half": TaskKind(
-        WhichHalf, f"{_RATES}WhichHalfRates", f"{_RIGHT}DifferenceModel.of", "files", _TEXTURES
-    ),
+    "abx": TaskKind(Abx, *_DIFFERING, _TEXTURES),
+    "which-half": TaskKind(WhichHalf, *_DIFFERING, _TEXTURES),
     "rating": TaskKind(
         Rating,
         "analysis.tasks.rating_analysis:RatingsTask",

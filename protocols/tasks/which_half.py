@@ -34,6 +34,7 @@ class WhichHalf(ComparisonTask):
     analysis: ClassVar[type[Analysis]] = WhichHalfAnalysis
     stimuli_per_trial: ClassVar[int] = 4
     rule: ClassVar[str] = "dual-pair"
+    decisions: ClassVar[str] = "answers which half had changed"
     every_answer: ClassVar[tuple[str, ...]] = ("left", "right")
 
     def arrangements(self, condition: Condition, pair: StimulusPair) -> Sequence[Arrangement]:

@@ -8,7 +8,6 @@ import pandas as pd
 
 from analysis import SEED
 from analysis.models.compared_methods import as_numbers, pairing_rows
-from analysis.parts import AnyPart
 from analysis.parts.achieved_power import AchievedPowerPart
 from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
@@ -38,9 +37,9 @@ from protocols.tasks.base import Analysis
 class PreferenceOfPairs(TaskAnalysis[PreferenceTableSection, PreferencePlan]):
     """Shares of choices, models, scales in JOD: tasks `two-interval` and `two-alternative`."""
 
-    kind: ClassVar[str] = "preference"
-    options: ClassVar[type[Analysis]] = PreferenceTableSection
-    parts: ClassVar[tuple[AnyPart, ...]] = (
+    kind = "preference"
+    options = PreferenceTableSection
+    parts = (
         PreferencesPart(),
         AchievedPowerPart(),
         PreferenceInteraction(),

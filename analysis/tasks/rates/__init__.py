@@ -1,18 +1,16 @@
 """Analyses of right and wrong answers: their base, and those of each task and of tables.
 
-`detection` is of yes-no tasks, `identification` of one among m answers, `abx` and `which-half` of
-the tasks of these names, `psychometric` of a table along a level.
+`detection` is of yes-no tasks, `psychometric` of a table along a level; all others have d' by the
+task's answer rule.
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, TypeVar
+from typing import ClassVar, Self, TypeVar
 
 import pandas as pd
 
-from analysis.arrays import Floats
-from analysis.models.detection import DiscriminationResults, discrimination
 from analysis.parts import AnyPart
 from analysis.parts.comparisons import ComparisonsPart
 from analysis.parts.correct import RatesPart, curve_mistake, odd_answers
@@ -30,27 +28,26 @@ from analysis.parts.times import TimesPart
 from analysis.plans.rate_plan import (
     CurvePlan,
     RatePlan,
-    baseline_in,
     prepared,
     rate_plan,
     rate_plan_of_table,
 )
 from analysis.plans.table_sections import (
-    AbxTableSection,
     CurveTableSection,
     DetectionTableSection,
-    IdentificationTableSection,
     RateTableSection,
-    WhichHalfTableSection,
+    table_section,
 )
 from analysis.simulations import RightAnswers, Tracks, tabulated
 from analysis.tables.table import Source, opened
 from analysis.tables.trials import as_decisions, read_trials
 from analysis.tasks.base import TaskAnalysis
+from protocols.answer_rules import EqualSigns, answer_rule
 from protocols.errors import StudyError, did_you_mean
 from protocols.study_file.schema import StudyProtocol
-from protocols.tasks.base import Analysis
+from protocols.tasks.base import Task
 from protocols.tasks.rates import name_of
+from protocols.tasks.single import RightOrWrong
 
 
 def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[AnyPart, ...]:
@@ -83,7 +80,9 @@ class RatesTask(TaskAnalysis[S, RatePlan]):
     """Shares of right answers, sensitivity, levels, models: whatever the answers are."""
 
     two: ClassVar[bool] = False
-    """There are two answers, of which a table may name one."""
+    """There are two answers with a criterion between, of which a table may name one."""
+    rule: str = "alternatives"
+    """Answer rule, where the section names none."""
 
     # What differs between tasks.
 
@@ -100,7 +99,7 @@ class RatesTask(TaskAnalysis[S, RatePlan]):
     def plan_of_table(self, decisions: pd.DataFrame, name: str, section: S) -> RatePlan:
         """Return the plan of a table's own conditions; without a protocol nothing was planned."""
         answers = self.table_answers(decisions, section)
-        return rate_plan_of_table(decisions, name, section, answers)
+        return rate_plan_of_table(decisions, name, section, answers, rule=self.rule)
 
     def read(self, table: Source, mapping: Mapping[str, str], section: S) -> pd.DataFrame:
         """Read trials: who was shown what, answered what, and was right or wrong."""
@@ -142,25 +141,22 @@ class RatesTask(TaskAnalysis[S, RatePlan]):
 
     # Power.
 
-    def share_of(self, _plan: RatePlan) -> Callable[[Floats], Floats] | None:
-        """Return the chance of a right answer by d'; None where answers have a criterion."""
-        return None
-
     def simulation(self, study: StudyProtocol) -> RightAnswers | Tracks:
         """Return the simulation of the study's own cells, with observers of this task."""
         plan = self.plan(study)
         if plan.adaptive:
             return Tracks(study, plan, self.parts_of(plan))
-        return RightAnswers(study, plan, self.parts_of(plan), self.share_of(plan))
+        share = None if self.two else tabulated(plan.answer_rule.share)
+        return RightAnswers(study, plan, self.parts_of(plan), share)
 
 
 class DetectionRates(RatesTask[DetectionTableSection]):
     """Sensitivity and criterion by condition: task `yes-no`."""
 
-    kind: ClassVar[str] = "detection"
-    options: ClassVar[type[Analysis]] = DetectionTableSection
-    task: ClassVar[str] = "yes-no answers"
-    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(YesNoPart(), TypicalPart())
+    kind = "detection"
+    options = DetectionTableSection
+    task = "yes-no answers"
+    parts = rate_parts(YesNoPart(), TypicalPart())
     two: ClassVar[bool] = True
 
     def read(
@@ -200,92 +196,61 @@ class DetectionRates(RatesTask[DetectionTableSection]):
         return (signal, others[0] if others else f"not {signal}")
 
 
-def _discriminated(rows: pd.DataFrame, plan: RatePlan) -> DiscriminationResults:
-    return discrimination(
-        rows,
-        plan.answer_rule,
-        plan.compared,
-        reference=baseline_in(rows, plan),
-        level=plan.confidence,
-    )
+class DiscriminationRates(RatesTask[RateTableSection]):
+    """Shares of right answers, and d' by the task's answer rule.
 
+    d' of stimuli that are told apart by how much they differ is also fitted against the level.
+    """
 
-class IdentificationRates(RatesTask[IdentificationTableSection]):
-    """Shares of right answers and d' by condition: task `identification`."""
+    def __init__(self, task: type[RightOrWrong]) -> None:
+        self.kind, self.task = task.analysis.own_kind(), task.decisions
+        self.rule, self._named = task.rule, task.every_answer
+        self.options = table_section(task.analysis, open_ended=not self._named)
+        apart = isinstance(answer_rule(self.rule), EqualSigns)
+        self.parts = rate_parts(
+            DiscriminationPart(sides=len(self._named) == 2), levels=(CriticalPart(),) * apart
+        )
 
-    kind: ClassVar[str] = "identification"
-    options: ClassVar[type[Analysis]] = IdentificationTableSection
-    task: ClassVar[str] = "identifications"
-    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(DiscriminationPart(_discriminated))
+    @classmethod
+    def of(cls, task: type[Task]) -> Self:
+        """Return the analysis of a task with right answers."""
+        assert issubclass(task, RightOrWrong)
+        return cls(task)
 
-    def table_answers(
-        self, decisions: pd.DataFrame, section: IdentificationTableSection
-    ) -> tuple[str, ...]:
-        """Return the answers, or numbers in their place where the table does not name all.
+    def table_answers(self, decisions: pd.DataFrame, section: RateTableSection) -> tuple[str, ...]:
+        """Return the answers: as the table names them, if it names all.
+
+        Where tasks differ in them, numbers are in the place of those that it does not name.
 
         Raises
         ------
         StudyError
             If nothing says how many there were, or the table holds more.
         """
+        if self._named:
+            said = tuple(sorted(set(decisions.get("answer", pd.Series()).map(str)) - {""}))
+            return said if len(said) == len(self._named) else self._named
+        asked = getattr(section, "alternatives", None)
         found: list[str] = []
         if {"expected", "answer"} <= set(decisions.columns):
             found = sorted({*decisions["expected"].map(str), *decisions["answer"].map(str)} - {""})
-        count = section.alternatives or len(found)
+        count = asked or len(found)
         if count < max(2, len(found)):
             raise StudyError(
                 "--set alternatives: must say how many answers there were to choose from (got"
-                f" {section.alternatives or 'nothing'}; the columns expected and answer hold"
+                f" {asked or 'nothing'}; the columns expected and answer hold"
                 f" {len(found)}: {', '.join(found[:8]) or 'none'})"
             )
         return (*found, *(f"answer {number + 1}" for number in range(len(found), count)))
-
-    def share_of(self, plan: RatePlan) -> Callable[[Floats], Floats]:
-        """Return the chance of picking the right one of m by d'."""
-        return tabulated(plan.answer_rule.share)
-
-
-class AbxRates(RatesTask[RateTableSection]):
-    """Shares of right answers, d' and d' against the level: task `abx`."""
-
-    kind: ClassVar[str] = "abx"
-    options: ClassVar[type[Analysis]] = AbxTableSection
-    task: ClassVar[str] = "ABX answers"
-    parts: ClassVar[tuple[AnyPart, ...]] = rate_parts(
-        DiscriminationPart(_discriminated, sides=True), levels=(CriticalPart(),)
-    )
-    named: ClassVar[tuple[str, str]] = ("a", "b")
-    """The task's answers."""
-
-    def table_answers(self, decisions: pd.DataFrame, _section: RateTableSection) -> tuple[str, ...]:
-        """Return the two answers: as the table names them, if it does."""
-        if "answer" in decisions:
-            found = tuple(sorted(set(decisions["answer"].map(str)) - {""}))
-            if len(found) == len(self.named):
-                return found
-        return self.named
-
-    def share_of(self, plan: RatePlan) -> Callable[[Floats], Floats]:
-        """Return the chance of a right answer by d', by the study's decision rule."""
-        return tabulated(plan.answer_rule.share)
-
-
-class WhichHalfRates(AbxRates):
-    """The same of halves that change: task `which-half`."""
-
-    kind: ClassVar[str] = "which-half"
-    options: ClassVar[type[Analysis]] = WhichHalfTableSection
-    task: ClassVar[str] = "answers which half had changed"
-    named: ClassVar[tuple[str, str]] = ("left", "right")
 
 
 class TableOfLevels(RatesTask[CurveTableSection]):
     """Psychometric functions of each person and of all people."""
 
-    kind: ClassVar[str] = "psychometric"
-    task: ClassVar[str] = "answers"
-    options: ClassVar[type[Analysis]] = CurveTableSection
-    parts: ClassVar[tuple[AnyPart, ...]] = (
+    kind = "psychometric"
+    task = "answers"
+    options = CurveTableSection
+    parts = (
         CurvesPart(),
         ThresholdsPart(),
         GoodnessPart(),

@@ -15,7 +15,7 @@ from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import rating_model
 from analysis.parts.right_models import ModelsPart
 from analysis.plans.rate_plan import prepared, rate_plan_of_table
-from analysis.plans.table_sections import IdentificationTableSection, TimeTableSection
+from analysis.plans.table_sections import TimeTableSection
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from protocols.errors import StudyError
@@ -59,7 +59,7 @@ def test_likelihood_ratios_means_and_contrasts_of_ratings_are_ordinals(trials):
 
 def test_marginal_means_of_right_answers_are_glmmtmbs_at_the_mean_level():
     rows = pd.read_csv(ORACLES / "by_scene.csv").assign(method=lambda d: d["cond"])
-    told = IdentificationTableSection(
+    told = analysis_of("identification").options(
         by="method", level="level", alternatives=2, contrasts={"gap": {"b": 1, "a": -1}}
     )
     plan = rate_plan_of_table(rows, "table", told, ("yes", "no"))

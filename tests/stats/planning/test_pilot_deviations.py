@@ -40,7 +40,8 @@ def deviations(kind, rows, **options):
     analysis = analysis_of(kind)
     given = analysis.options(by="method", **options)
     settings = analysis.plan_of_table(rows, "pilot", given)
-    return sensitivity_deviations(rows, settings, analysis.share_of(settings))
+    share = None if kind == "detection" else settings.answer_rule.share
+    return sensitivity_deviations(rows, settings, share)
 
 
 def test_yes_and_no_tell_how_d_prime_and_criterion_differ(rng):

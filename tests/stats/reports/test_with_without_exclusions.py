@@ -11,11 +11,12 @@ from undrawn_reports import undrawn
 
 from analysis.models.preference import preferences
 from analysis.parts import Estimate, estimates_of
-from analysis.plans.table_sections import DetectionTableSection, IdentificationTableSection
+from analysis.plans.table_sections import DetectionTableSection
 from analysis.report.exclusion_comparison import ExclusionComparison, beside, beside_blocks
 from analysis.report.report_source import from_sessions
 from analysis.report.write_report import report_sessions
-from analysis.tasks.rates import DetectionRates, IdentificationRates
+from analysis.tasks import analysis_of
+from analysis.tasks.rates import DetectionRates
 
 
 def slow_out(protocol, limit_s):
@@ -106,10 +107,9 @@ def test_yes_no_tasks_give_d_prime_and_others_shares():
     rows = _answers(0.8)
     detection = DetectionRates()
     settings = detection.plan_of_table(rows, "t", DetectionTableSection(by="method"))
-    identification = IdentificationRates()
-    other = identification.plan_of_table(
-        rows, "t", IdentificationTableSection(by="method", alternatives=2)
-    )
+    identification = analysis_of("identification")
+    asked = identification.options(by="method", alternatives=2)
+    other = identification.plan_of_table(rows, "t", asked)
 
     found = [
         one.what for one in estimates_of(detection.parts, detection.table(rows, settings), settings)
