@@ -783,8 +783,8 @@ class Scripts:
         names = tuple(key_label(keys[0], self.texts.key_names) for keys in asks.keys if keys)
         return text_picture(self.study, self.display, text, tuple(labels), names)
 
-    def entry(self, entry: ShownAlone, phase: phases.Phase) -> Entry:
-        """Return a drawable in pixels."""
+    def checked(self, entry: ShownAlone, phase: phases.Phase) -> None:
+        """Refuse a drawable with numbers out of bounds, or of a stimulus that is not there."""
         kind = type(entry).__name__
         for name, (low, high) in _BOUNDS.items():
             value = getattr(entry, name, None)
@@ -794,7 +794,6 @@ class Scripts:
                     f"{name} of {kind} must be at least {low} and below {high} (got {value!r});"
                     " give such a value",
                 )
-        width, height = self.stimulus_px
         count = self.study.task.stimuli_per_trial
         of_trial = phases.Image | phases.Clip | phases.LiveImage
         if isinstance(entry, of_trial) and not 0 <= entry.stimulus < count:
@@ -807,6 +806,11 @@ class Scripts:
         if isinstance(entry, of_trial) and isinstance(entry, phases.LiveImage) != follows:
             said = "follow the gaze: show them as Live" if follows else "do not follow the gaze"
             raise _wrong(phase, f"stimuli of this study {said} (got {kind}), or take another task")
+
+    def entry(self, entry: ShownAlone, phase: phases.Phase) -> Entry:
+        """Return a drawable in pixels."""
+        self.checked(entry, phase)
+        width, height = self.stimulus_px
         match entry:
             case phases.LiveImage(stimulus=number, x_deg=x_deg, y_deg=y_deg):
                 return Live(stimulus=number, at=self.place(x_deg, y_deg, width, height))
