@@ -10,9 +10,10 @@ from itertools import combinations
 from protocols.disk.hashing import sha256_json
 from protocols.display import COMMON_RATES_HZ, FRAME_TOLERANCE, Display
 from protocols.errors import Problem, StudyError, shortest
+from protocols.make_script import example_scripts
 from protocols.manifest import Clip as BuiltClip
 from protocols.manifest import Manifest, Renderer
-from protocols.script import Picture, Ring, StoredPicture, example_scripts
+from protocols.script import Picture, Ring, StoredPicture
 from protocols.study_file.schema import StudyProtocol
 
 TRIALS_IN_MEMORY = 2

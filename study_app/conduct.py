@@ -21,8 +21,8 @@ from protocols.journal import (
     SessionStart,
     VoidReason,
 )
+from protocols.make_script import Scripts
 from protocols.plan import Plan
-from protocols.script import Scripts
 from protocols.study_file.session_schema import ClosingQuestion, Response, Texts, consent_text, fill
 from protocols.viewing import Viewing
 from study_app.attempt import AttemptLog, AttemptResult, GazeWatcher, run_attempt

@@ -14,20 +14,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from protocols.make_script import example_scripts, fixation_target, text_picture
 from protocols.phases import ITI
 from protocols.plan import PlannedTrial
-from protocols.script import (
-    Drawn,
-    Entry,
-    Fill,
-    Frames,
-    Live,
-    ScriptPhase,
-    TrialScript,
-    example_scripts,
-    fixation_target,
-    text_picture,
-)
+from protocols.script import Drawn, Entry, Fill, Frames, Live, ScriptPhase, TrialScript
 from protocols.script import Picture as Drawing
 from study_app.attempt import BLANK
 from study_app.clips import ClipStore, Names

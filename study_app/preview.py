@@ -19,6 +19,7 @@ from protocols.blocks import TableBlock
 from protocols.display import Display
 from protocols.feasibility import virtual_manifest
 from protocols.html_page import html_page
+from protocols.make_script import Scripts
 from protocols.manifest import Manifest
 from protocols.plan import PlannedTrial, make_plan
 from protocols.recipes.base import SCENE
@@ -31,7 +32,6 @@ from protocols.script import (
     Picture,
     Place,
     ScriptPhase,
-    Scripts,
     TrialScript,
     Words,
 )

@@ -9,9 +9,10 @@ from functools import partial
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.feasibility import check_feasible
+from protocols.make_script import example_scripts, text_picture
 from protocols.manifest import Manifest
 from protocols.phases import STUDY_QUESTION
-from protocols.script import Picture, Words, example_scripts, text_picture
+from protocols.script import Picture, Words
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import consent_text, fill
 from protocols.tasks.confidence_question import CONFIDENCE

@@ -14,7 +14,8 @@ from pydantic import Field
 from protocols.browser.web_design import WebDesign
 from protocols.display import Display
 from protocols.feasibility import stated_times_s, timing_problems
-from protocols.script import Fill, Frames, Grey, Place, ScriptQuestion, Scripts, Size, TrialScript
+from protocols.make_script import Scripts
+from protocols.script import Fill, Frames, Grey, Place, ScriptQuestion, Size, TrialScript
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import ClosingQuestion, Keys
 from protocols.units import (

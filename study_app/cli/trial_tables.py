@@ -15,6 +15,7 @@ from protocols.disk.result_folder import whole_folder
 from protocols.display import Display
 from protocols.errors import StudyError, did_you_mean
 from protocols.feasibility import virtual_manifest
+from protocols.make_script import Scripts
 from protocols.manifest import read_manifest
 from protocols.plan import Plan, make_plan
 from protocols.script import (
@@ -24,7 +25,6 @@ from protocols.script import (
     Live,
     Picture,
     ScriptPhase,
-    Scripts,
     StoredPicture,
     TrialScript,
     Words,

@@ -24,9 +24,10 @@ from protocols.errors import StudyError
 from protocols.journal import Attempt, SessionResume, SessionStart
 from protocols.latency import SaccadeTimes
 from protocols.limits import check_within
+from protocols.make_script import Scripts
 from protocols.manifest import Manifest
 from protocols.outside import reading
-from protocols.script import Live, ScriptPhase, Scripts, TrialScript
+from protocols.script import Live, ScriptPhase, TrialScript
 from protocols.study_file.schema import StudyProtocol
 from study_app.desktop.draw import Painter
 from study_app.desktop.strip import BLOCK_PX, PATCH_PX, patch_place

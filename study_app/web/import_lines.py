@@ -57,9 +57,9 @@ from protocols.journal import (
 )
 from protocols.journal_file import JOURNAL_NAME
 from protocols.limits import check_within
+from protocols.make_script import Scripts
 from protocols.manifest import Manifest
 from protocols.plan import make_plan
-from protocols.script import Scripts
 from protocols.study_file.problems import in_words
 from protocols.study_file.schema import StudyProtocol
 from study_app.attempt import AttemptLog, run_attempt

@@ -27,11 +27,11 @@ from protocols.feasibility import virtual_manifest
 from protocols.journal_file import read_journal
 from protocols.latency import LatencySummary, LiveFrames
 from protocols.load import load_study, shipped
+from protocols.make_script import example_scripts
 from protocols.manifest import write_manifest
 from protocols.phases import Image as Still
 from protocols.phases import LiveImage, Phase
 from protocols.plan import make_plan
-from protocols.script import example_scripts
 from protocols.viewing import Viewing
 from stimuli.foveate.clip_to_files import ClipSettings, foveate_clip
 from stimuli.media.gaze_and_display import StatedViewing

@@ -28,8 +28,8 @@ from protocols.disk.hashing import sha256_file
 from protocols.display import Display
 from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
+from protocols.make_script import example_scripts
 from protocols.manifest import Clip, Manifest, Renderer, read_manifest, write_manifest
-from protocols.script import example_scripts
 from protocols.study_file.schema import StudyProtocol
 
 WIDTH, HEIGHT = 640, 480

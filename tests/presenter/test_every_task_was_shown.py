@@ -261,7 +261,7 @@ import numpy as np
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import chosen, make_plan
-from protocols.script import trial_script
+from protocols.make_script import trial_script
 from study_app.presenter import Presenter
 from study_app.session_setup import SessionSetup
 from study_app.stage import FlipPicture

@@ -10,8 +10,9 @@ import pytest
 
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
+from protocols.make_script import landolt_ring
 from protocols.phases import Optotype
-from protocols.script import ScriptPhase, landolt_ring
+from protocols.script import ScriptPhase
 from study_app.paint import ring_image
 from study_app.presenter import Presenter
 from study_app.session_setup import SessionSetup

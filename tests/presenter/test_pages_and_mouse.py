@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from protocols.journal import Answer, Break, Calibration, Note, Pause, SessionEnd
-from protocols.script import example_scripts, text_picture
+from protocols.make_script import example_scripts, text_picture
 from protocols.study_file.session_schema import fill
 from study_app.pages import PageLayout
 from study_app.paint import drawn

@@ -11,8 +11,9 @@ import pytest
 from protocols.against_plan import contradictions, plan_of
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
+from protocols.make_script import trial_script
 from protocols.plan import make_plan
-from protocols.script import ScriptQuestion, trial_script
+from protocols.script import ScriptQuestion
 from protocols.study_file.session_schema import POINTER
 from study_app.attempt import run_attempt
 from study_app.desktop.window import Window

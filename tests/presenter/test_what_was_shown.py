@@ -115,7 +115,7 @@ from study_app.desktop.strip import FlipMarks
 from study_app.presenter import Presenter
 from study_app.session_setup import SessionSetup
 from study_app.stage import FlipPicture
-from protocols.script import trial_script
+from protocols.make_script import trial_script
 from study_app.desktop.window import Window
 
 folder, buffer, out = map(Path, sys.argv[1:4])

@@ -17,8 +17,8 @@ from protocols.errors import StudyError
 from protocols.feasibility import session_duration_s, virtual_manifest
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, load_study
+from protocols.make_script import example_scripts
 from protocols.plan import make_plan
-from protocols.script import example_scripts
 from protocols.study_file.new_study import study_files
 from protocols.study_file.preregister import preregistration
 from protocols.tasks.task_kinds import TASKS

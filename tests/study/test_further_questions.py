@@ -15,9 +15,10 @@ from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.journal import Attempt
 from protocols.journal_file import read_journal
 from protocols.load import load_study
+from protocols.make_script import example_scripts, trial_script
 from protocols.phases import STUDY_QUESTION, Bar, Bitmap, Clip, Image, Phase, Question, QuestionText
 from protocols.plan import make_plan
-from protocols.script import Picture, StoredPicture, example_scripts, trial_script
+from protocols.script import Picture, StoredPicture
 from protocols.study_file.session_schema import Gaze
 from protocols.tasks.pairs import TwoInterval
 from protocols.viewing import Viewing

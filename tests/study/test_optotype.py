@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from protocols.load import load_display
+from protocols.make_script import landolt_ring
 from protocols.phases import Optotype
-from protocols.script import landolt_ring
 from protocols.viewing import Viewing
 from study_app.paint import ring_image
 

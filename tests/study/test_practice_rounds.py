@@ -10,8 +10,8 @@ from protocols.feasibility import virtual_manifest
 from protocols.journal import BlockEnd
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
+from protocols.make_script import trial_script
 from protocols.plan import make_plan
-from protocols.script import trial_script
 from protocols.study_file.schema import StudyProtocol
 from study_app.attempt import run_attempt
 from study_app.observers import ArtificialObserver, PreferenceModel

@@ -15,7 +15,7 @@ from study_texts import short_study
 from typer.testing import CliRunner
 
 from protocols.load import load_study, shipped
-from protocols.script import example_scripts
+from protocols.make_script import example_scripts
 from protocols.tasks.task_kinds import TASKS
 from stimuli.pictures import save_picture
 from study_app.cli import app

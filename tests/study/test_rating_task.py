@@ -13,8 +13,9 @@ from analysis.tidy import read_sessions
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_study
+from protocols.make_script import example_scripts
 from protocols.plan import make_plan
-from protocols.script import Frames, example_scripts
+from protocols.script import Frames
 from protocols.study_file.new_study import study_files
 from protocols.study_file.preregister import preregistration
 from protocols.tasks.task_kinds import TASKS

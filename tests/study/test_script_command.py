@@ -15,9 +15,10 @@ from typer.testing import CliRunner
 
 from protocols.formats.publish import schema_path
 from protocols.load import load_study, shipped
+from protocols.make_script import example_scripts, trial_script
 from protocols.phases import rgba_sha256
 from protocols.plan import Plan
-from protocols.script import TrialScript, example_scripts, trial_script
+from protocols.script import TrialScript
 from study_app.cli import app
 from study_app.preview import preview_page
 from study_app.simulate import SimulatedStudy

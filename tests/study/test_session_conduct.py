@@ -31,9 +31,10 @@ from protocols.journal import (
 )
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
+from protocols.make_script import trial_script
 from protocols.phases import ITI
 from protocols.plan import make_plan
-from protocols.script import Frames, trial_script
+from protocols.script import Frames
 from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
 from study_app.attempt import AttemptLog, GazeWatcher, run_attempt

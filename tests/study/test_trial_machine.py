@@ -20,17 +20,10 @@ from timelines import (
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol
+from protocols.make_script import trial_script
 from protocols.phases import ITI as BLANK
 from protocols.plan import make_plan
-from protocols.script import (
-    Dot,
-    Frames,
-    GazeMode,
-    Picture,
-    ScriptPhase,
-    TrialScript,
-    trial_script,
-)
+from protocols.script import Dot, Frames, GazeMode, Picture, ScriptPhase, TrialScript
 from study_app.trial import FlipObservation, GazeVerdict, Trial, advance
 
 TIMELINE = two_intervals()

@@ -29,8 +29,9 @@ from protocols.journal import (
     ShownStimulus,
 )
 from protocols.load import load_display, load_protocol, shipped
+from protocols.make_script import example_scripts
 from protocols.plan import Plan, PlannedTrial, make_plan
-from protocols.script import TrialScript, example_scripts
+from protocols.script import TrialScript
 from protocols.study_file.schema import StudyProtocol
 from study_app.pacing import Pacer
 from study_app.session import (
