@@ -24,7 +24,7 @@ BEYOND = 1.5
 """Reach of the grid of ln s_c past the scalings shown."""
 
 PERSON_PRIOR_SD = 1.5
-"""Of ln s_c and ln gain around the middle of the scalings and gain 5, in a fit of one person.
+"""Deviation of ln s_c and ln gain from mid-scaling and gain 5, in a fit of one person.
 
 Wide (a factor of 4.5 either way), and enough to keep someone finite who is always at chance."""
 

@@ -333,6 +333,13 @@ def models_beside(
     )  # fmt: skip
 
 
+def _random_words(groups: Sequence[str], slopes: Sequence[str]) -> str:
+    several = {group.partition(" x ")[0] for group in groups}
+    crossed = "crossed random" if len(several) > 1 else "random"
+    words = f"{crossed} intercepts ({', '.join(groups)})"
+    return f"{words}, random slopes ({', '.join(slopes)})" if slopes else words
+
+
 def _without(fit: ModelFit, hidden: Collection[str]) -> ModelFit:
     """Return the model without the numbers of terms that the trials do not identify: NaN."""
     nan = math.nan
@@ -389,11 +396,8 @@ def _mixed(
             Effect(owner == "scene", group_codes(trials, owner), code, values, float(sd))
             for owner, code, values, sd in zip(owners, codes, times, solution.sd, strict=True)
         ]
-        influence = back @ np.linalg.pinv(design)
-        df = [
-            between_df(own, effects, float(error) ** 2)
-            for own, error in zip(influence, errors, strict=True)
-        ]
+        influence = zip(back @ np.linalg.pinv(design), errors, strict=True)
+        df = [between_df(own, effects, float(error) ** 2) for own, error in influence]
     table = _table(terms, back @ solution.beta, errors, df, inference.level)
     if solution.converged:
         table = tuple(
@@ -411,11 +415,7 @@ def _mixed(
         deviations = crossed_deviations(
             solution, design, names, levels, slopes=names[len(groups) :], level=inference.level
         )
-    several = {group.partition(" x ")[0] for group in groups}
-    crossed = "crossed random" if len(several) > 1 else "random"
-    random = f"{crossed} intercepts ({', '.join(groups)})"
-    if slopes:
-        random += f", random slopes ({', '.join(names[len(groups) :])})"
+    random = _random_words(groups, names[len(groups) :])
     fit = ModelFit(
         formula=model.formula,
         method=f"{'probit ' * (response.link == 'probit')}GLMM, {random}, Laplace",

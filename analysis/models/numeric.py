@@ -37,7 +37,7 @@ ROUNDING = 1e-9
 """Numbers of order 1 that differ by less are the same: processors round otherwise."""
 
 STEP = 1e-4
-"""Of differences, relative to a value above 1."""
+"""Step of differences, relative to a value above 1."""
 
 
 def zeroed(values: Floats, scale: float = 1.0) -> Floats:

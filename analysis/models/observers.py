@@ -16,7 +16,7 @@ from analysis.models.paired.paired_counts import (
 )
 
 TAIL_DF = 4.0
-"""Of the t law of tastes: heavier tails than the normal law's, at some cost in finding people."""
+"""Freedom of the t law of tastes: heavier tails than the normal law's, at some cost."""
 SPREADS = (0.0, 0.15, 0.3, 0.5, 0.75, 1.0, 1.35, 1.8, 2.4, 3.2)
 SPREAD_STUDIES = 60
 """Studies simulated at each of these spreads, in the scale's unit."""

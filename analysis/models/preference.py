@@ -322,7 +322,6 @@ def preference(
             else two_way(chosen, shown)
         )
     share = wins / trials
-    flip, floor = sign_flip_p(shares - 0.5), sign_flip_floor(len(people))
     exact = scipy.stats.binomtest(wins, trials)
     exact_limits = exact.proportion_ci(level, method="exact")
     claimed = test == "participant-scene"
@@ -330,12 +329,13 @@ def preference(
     judged = _judged(estimate, len(people), alpha, margin, one_way=test == "participant")
     if judged.note:
         notes.append(judged.note)
-    p, words, lower, upper = judged.p, judged.test, judged.lower, judged.upper
+    tested, ends = judged.test, judged.limits
     if test == "pooled":
-        p, words = float(exact.pvalue), "pooled exact binomial"
-        lower, upper = float(exact_limits.low), float(exact_limits.high)
+        p = float(exact.pvalue)
+        tested = replace(tested, name="pooled exact binomial", p=p, p_adjusted=p)
+        ends = float(exact_limits.low), float(exact_limits.high)
         notes.append("the protocol's test takes trials as independent: p is too small")
-    equivalence = judged.equivalence_p
+    equal = judged.equivalence_p
     odds_share = (wins + 0.5) / (trials + 1.0) if wins in (0, trials) else share
     return Preference(
         method=method,
@@ -350,31 +350,25 @@ def preference(
         ),
         estimate=ShareEstimate(
             share=share,
-            lower=lower,
-            upper=upper,
+            lower=ends[0],
+            upper=ends[1],
             level=level,
             effective_n=judged.effective_n,
             cohens_h=cohens_h(share),
             odds_ratio=odds_share / (1.0 - odds_share),
-            odds_lower=_odds(lower, trials),
-            odds_upper=_odds(upper, trials),
+            odds_lower=_odds(ends[0], trials),
+            odds_upper=_odds(ends[1], trials),
         ),
-        test=ShareTest(
-            name=words,
-            p=p,
-            p_adjusted=p,
-            t=judged.t,
-            df=judged.df,
-        ),
-        equivalence=Equivalence(margin=margin, p=equivalence, p_adjusted=equivalence),
+        test=tested,
+        equivalence=Equivalence(margin=margin, p=equal, p_adjusted=equal),
         sensitivity=Sensitivity(
-            sign_flip_p=flip,
-            sign_flip_floor=floor,
+            sign_flip_p=sign_flip_p(shares - 0.5),
+            sign_flip_floor=sign_flip_floor(len(people)),
             exact_p=float(exact.pvalue),
             exact_lower=float(exact_limits.low),
             exact_upper=float(exact_limits.high),
         ),
-        verdict=_verdict(share, p, equivalence, alpha),
+        verdict=_verdict(share, tested.p, equal, alpha),
         warnings=tuple(notes),
     )
 
@@ -383,23 +377,18 @@ def preference(
 class _Judged:
     """Results of the clustered procedure for one comparison."""
 
-    p: float
-    lower: float
-    upper: float
-    test: str
-    t: float | None
-    df: float | None
-    effective_n: float
-    equivalence_p: float
-    note: str
+    test: ShareTest
+    limits: tuple[float, float] = (0.0, 1.0)
+    effective_n: float = 1.0
+    equivalence_p: float = 1.0
+    note: str = ""
 
 
 def _judged(
     estimate: ClusteredShare | None, people: int, alpha: float, margin: float, *, one_way: bool
 ) -> _Judged:
     if estimate is None:
-        test = "none: one participant"
-        return _Judged(1.0, 0.0, 1.0, test, None, None, 1.0, 1.0, "")
+        return _Judged(ShareTest("none: one participant", 1.0, 1.0, None, None))
     clustered, independent, _ = (float(part) for part in estimate.p_parts())
     p = float(estimate.p_value())
     lower, upper = (float(end) for end in estimate.limits(1.0 - alpha))
@@ -413,22 +402,19 @@ def _judged(
             "answers differ less between participants and scenes than independent trials would:"
             " p and limits are those of independent trials, because such agreement can be luck"
         )
+    t, df = (None, None) if agree else (float(estimate.score_t()), float(estimate.df))
     return _Judged(
-        p=p,
-        lower=lower,
-        upper=upper,
-        test=test,
-        t=None if agree else float(estimate.score_t()),
-        df=None if agree else float(estimate.df),
+        test=ShareTest(test, p, p, t, df),
+        limits=(lower, upper),
         effective_n=float(people if agree else estimate.effective_n),
         equivalence_p=float(estimate.equivalence_p(margin)),
         note=note,
     )
 
 
-def cohens_h(share: float, null: float = 0.5) -> float:
-    """Return Cohen's h, the difference of arcsine-transformed shares (Cohen 1988, ch. 6)."""
-    return float(2.0 * np.arcsin(np.sqrt(share)) - 2.0 * np.arcsin(np.sqrt(null)))
+def cohens_h(share: float) -> float:
+    """Return Cohen's h of a share and one half: arcsine-transformed (Cohen 1988, ch. 6)."""
+    return float(2.0 * np.arcsin(np.sqrt(share)) - 2.0 * np.arcsin(np.sqrt(0.5)))
 
 
 def _adjusted(cells: Sequence[Preference], correction: str, alpha: float) -> tuple[Preference, ...]:

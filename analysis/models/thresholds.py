@@ -9,7 +9,7 @@ import scipy
 from scipy.special import logit
 
 from analysis.arrays import Floats, Ints
-from analysis.models.cells import checked, grid, numbered, one_condition
+from analysis.models.cells import TrialGrid, checked, grid, numbered, one_condition
 from analysis.models.contrasts import IN_CONDITION, CrossedDesign, Difference, pairs_of
 from analysis.models.curves.population import Population, Threshold, span
 from analysis.models.curves.quadrature import STARTS, PeopleFit, fit_people
@@ -22,7 +22,7 @@ from protocols.errors import count_of
 FEW_PARTICIPANTS = 5
 
 NARROWEST = 0.9
-"""Of the least gap between two levels: no answers at these tell a curve from a narrower one."""
+"""Share of the least gap between two levels: answers at these tell no curve from a narrower one."""
 
 
 @dataclass(frozen=True)
@@ -107,33 +107,17 @@ def fit_thresholds(
     participants, and between these and those of scenes (`contrasts.CrossedDesign`), because so many
     people and scenes, and not so many trials, tell the mean.
     """
-    rows = checked(trials, (level_column, "correct"), by)
-    raw = pd.to_numeric(rows[level_column], errors="coerce").to_numpy(dtype=np.float64)
-    if not np.all(np.isfinite(raw)):
-        raise ValueError(f"column {level_column!r} must hold numbers, in every row")
-    if not rows["correct"].isin((0, 1)).all():
-        raise ValueError("column 'correct' must hold 0 and 1 only, in every row")
-    x = curve.axis(raw, f"column {level_column!r}")
-    places = grid(rows)
-    if len(places.participants) < 2 or np.unique(raw).size < 2:
-        raise ValueError(
-            "trials must hold two participants and two levels at least"
-            f" (found {len(places.participants)} and {np.unique(raw).size})"
-        )
+    rows, x, places = _along(trials, level_column, by, curve)
     centre, spread = float(x.mean()), float(x.std())
     parts, condition = numbered(rows, by)
     names = [name for name, _ in parts]
     pairs = pairs_of(names, reference)
-    place = (condition[:, None] == np.arange(len(names))).astype(np.float64)
-    scaled = (x - centre) / spread
-    design = np.column_stack([place, scaled])
-    response = curve.response
+    place, scaled = condition[:, None] == np.arange(len(names)), (x - centre) / spread
+    design, response = np.column_stack([place, scaled]), curve.response
     y = rows["correct"].to_numpy(dtype=np.float64)
     gap = float(np.diff(np.unique(scaled)).min())
-    steepest = np.full(design.shape[1], np.inf)
-    steepest[len(names) :] = span(response) / (NARROWEST * gap)
-    start = _pooled(design, y, response)
-    person = places.person
+    steepest = np.append(np.full(len(names), np.inf), span(response) / (NARROWEST * gap))
+    start, person = _pooled(design, y, response), places.person
     fit = fit_people(
         design, y, person, condition, response=response, start=start, steepest=steepest
     )
@@ -149,57 +133,29 @@ def fit_thresholds(
         notes.append("no model of scenes could be fitted: thresholds are about these scenes")
     typical = abs(float(fit.beta[-1]))
     sd = dict(zip(kinds, (fit.sd * spread / typical).tolist(), strict=False))
-    samples = 1
-    if len(names) > 1 and one_condition(person, condition):  # nothing tells both deviations apart
-        own, samples = "participant" + IN_CONDITION, len(names)
+    alone = len(names) > 1 and one_condition(person, condition)
+    if alone:  # nothing tells both deviations apart
+        own = "participant" + IN_CONDITION
         sd |= {"participant": float(np.hypot(sd["participant"], sd[own])), own: 0.0}
     crossed = CrossedDesign.of(condition, groups, sd)
-    # Likelihood takes deviations from means that it fitted: they come out too small.
-    people = len(places.participants)
-    more = people / max(people - samples, 1.0)
-    covariance = more * fit.covariance
-    if "scene" in groups:
-        at = slice(len(names)), slice(len(names))
-        scale = (typical / spread) ** 2 / (len(places.scenes) - 1.0)
-        covariance[at] += scale * crossed.covariance("scene")
     population = Population(
         names=tuple(names),
         pairs=tuple(pairs),
         theta=np.concatenate([fit.beta, fit.sd, fit.rates]),
-        covariance=covariance,
+        covariance=_widened(fit, crossed, len(names) if alone else 1, typical / spread),
         kinds=tuple(kinds[: fit.sd.size]),
         centre=centre,
         spread=spread,
         logarithmic=curve.logarithmic,
         response=response,
-        own={
-            name: {
-                who: float(apart)
-                for who, apart in zip(places.participants, fit.own[:, k], strict=True)
-                if np.isfinite(apart)
-            }
-            for k, name in enumerate(names)
-        },
+        own=_own(fit, names, places.participants),
         crossed=crossed,
         levels=tuple(float(value) for value in rows[level_column].unique()),
         level=level,
         proper=fit.converged,
     )
     found, contrasts = population.thresholds()
-    place_of = population.places()
-    outside = [
-        name
-        for k, name in enumerate(names)
-        if not x[condition == k].min() <= place_of[k] <= x[condition == k].max()
-    ]
-    if outside:
-        notes.append(f"the threshold of {', '.join(outside)} lies outside the levels shown")
-    compared = {(one.first, one.second) for one in contrasts}
-    notes += [
-        f"thresholds of {first} and {second} are not compared: not identified by these data"
-        for first, second in pairs
-        if (first, second) not in compared
-    ]
+    notes += _not_told(population, contrasts, x, condition)
     if not fit.converged or all(np.isnan(one.value) for one in found):
         sd = dict.fromkeys(sd, np.nan)
     return ThresholdModel(
@@ -221,6 +177,67 @@ def fit_thresholds(
         warnings=tuple(notes),
         population=population,
     )
+
+
+def _along(
+    trials: pd.DataFrame, level_column: str, by: Sequence[str], curve: CurveForm
+) -> tuple[pd.DataFrame, Floats, TrialGrid]:
+    """Return the trials, where each lies along the curve, and whose it is."""
+    rows = checked(trials, (level_column, "correct"), by)
+    raw = pd.to_numeric(rows[level_column], errors="coerce").to_numpy(dtype=np.float64)
+    if not np.all(np.isfinite(raw)):
+        raise ValueError(f"column {level_column!r} must hold numbers, in every row")
+    x, places = curve.axis(raw, f"column {level_column!r}"), grid(rows)
+    if len(places.participants) < 2 or np.unique(raw).size < 2:
+        raise ValueError(
+            "trials must hold two participants and two levels at least"
+            f" (found {len(places.participants)} and {np.unique(raw).size})"
+        )
+    return rows, x, places
+
+
+def _widened(fit: PeopleFit, crossed: CrossedDesign, samples: int, steep: float) -> Floats:
+    """Return the covariance of parameters; `samples` of people, who saw other conditions."""
+    people, conditions = crossed.shares["participant"].shape
+    # Likelihood takes deviations from means that it fitted: they come out too small.
+    covariance: Floats = people / max(people - samples, 1.0) * fit.covariance
+    if "scene" in crossed.shares:
+        scale = steep**2 / (len(crossed.shares["scene"]) - 1.0)
+        covariance[:conditions, :conditions] += scale * crossed.covariance("scene")
+    return covariance
+
+
+def _own(
+    fit: PeopleFit, names: Sequence[str], participants: Sequence[str]
+) -> dict[str, dict[str, float]]:
+    """Return each participant's deviation of eta in the conditions that the participant saw."""
+    return {
+        name: {
+            who: float(apart)
+            for who, apart in zip(participants, fit.own[:, k], strict=True)
+            if np.isfinite(apart)
+        }
+        for k, name in enumerate(names)
+    }
+
+
+def _not_told(
+    population: Population, contrasts: Sequence[Difference], x: Floats, condition: Ints
+) -> list[str]:
+    """Return notes on thresholds outside the levels shown, and on pairs that are not compared."""
+    names, place = population.names, population.places()
+    outside = [
+        name
+        for k, name in enumerate(names)
+        if not x[condition == k].min() <= place[k] <= x[condition == k].max()
+    ]
+    notes = [f"the threshold of {', '.join(outside)} lies outside the levels shown"] * bool(outside)
+    compared = {(one.first, one.second) for one in contrasts}
+    return notes + [
+        f"thresholds of {first} and {second} are not compared: not identified by these data"
+        for first, second in population.pairs
+        if (first, second) not in compared
+    ]
 
 
 def _pooled(design: Floats, y: Floats, response: ResponseFunction) -> Floats:

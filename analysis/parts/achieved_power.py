@@ -20,7 +20,7 @@ from protocols.blocks import Heading, Paragraph
 from protocols.errors import count_of
 
 JOD = float(ndtri(0.75))
-"""Of two 1 JOD apart, this quantile's share prefers the better."""
+"""Quantile of the share that prefers the better of two 1 JOD apart."""
 
 
 @dataclass(frozen=True)

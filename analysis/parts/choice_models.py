@@ -25,7 +25,7 @@ from analysis.report.wording import NONE, NOT_IDENTIFIED, big, number, p_number,
 from protocols.blocks import Block, Cautions, Paragraph, grouped
 
 LARGEST_LOG = 700.0
-"""Of odds that a number can hold."""
+"""Largest logarithm of odds that a number can hold."""
 
 
 @dataclass(frozen=True)

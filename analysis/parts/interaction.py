@@ -140,19 +140,8 @@ class InteractionPart(Part[P, Interactions]):
     def show(self, found: Interactions, plan: P) -> Presentation:
         """Return the planned ones before all, every difference, and shares by value."""
         factor, every = column_in_words(found.factor), (*found.shares, *found.jod)
-        caption = (
-            f"Shares by {factor}, with {plan.limits} that respect participants"
-            " and scenes; dashed: chance. Limits that overlap are no test of a difference."
-        )
         left = len(found.planned) - LED_BY
         more = f"{left} more are below." if left > 0 else ""
-        rows = [
-            (_between(one, plan), plan.label(one.at), one.share, one.lower, one.upper)
-            for one in found.sides
-        ]
-        draw = partial(
-            interaction_plot, rows, title=factor, chance=found.chance, level=plan.confidence
-        )
         over = f"over all shares{' and over all JOD' * bool(found.jod)}"
         if isinstance(plan, PreferencePlan):
             over += f", those of {_whose(plan)} by themselves and those of other pairs together"
@@ -197,7 +186,7 @@ class InteractionPart(Part[P, Interactions]):
                 "interaction.csv": changes.every_field(),
                 "interaction_shares.csv": frame_of(found.sides),
             },
-            figures=(PartFigure("interaction", caption, draw),),
+            figures=(_figure(found, factor, plan),),
         )
 
 
@@ -349,6 +338,19 @@ class RateInteraction(InteractionPart[RatePlan]):
             there = (answers.cells["expected"] == plan.answers[0]).to_numpy()
             answers = replace(answers, given=answers.given == there)
         return _planned(self.name, answers, people, plan, shown)
+
+
+def _figure(found: Interactions, factor: str, plan: PreferencePlan | RatePlan) -> PartFigure:
+    rows = [
+        (_between(one, plan), plan.label(one.at), one.share, one.lower, one.upper)
+        for one in found.sides
+    ]
+    caption = (
+        f"Shares by {factor}, with {plan.limits} that respect participants"
+        " and scenes; dashed: chance. Limits that overlap are no test of a difference."
+    )
+    draw = partial(interaction_plot, rows, title=factor, chance=found.chance, level=plan.confidence)
+    return PartFigure("interaction", caption, draw)
 
 
 def _planned(

@@ -73,7 +73,7 @@ class LearningPart(Part[P, Learning]):
     name: ClassVar[str] = "learning"
     section: ClassVar[tuple[str, str]] = ("checks", "Learning, speed")
     axis: ClassVar[str]
-    """Of the figure."""
+    """Title of the figure's axis of outcomes."""
     bounds: ClassVar[tuple[float, float] | None] = (0.0, 1.0)
     """Smallest and largest value of an answer; None: no limits."""
 

@@ -3,9 +3,8 @@
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from operator import itemgetter
 from typing import Any, ClassVar, TypeVar
 
 import pandas as pd
@@ -15,12 +14,10 @@ from analysis.models.mixed.deviations import MOST_PROFILED, Deviation
 from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, Presentation
 from analysis.plots.trial_plots import caterpillar_plot
 from analysis.report.result_table import (
-    ResultColumn,
     ResultTable,
     attribute,
     estimated,
     limits,
-    within,
 )
 from analysis.report.wording import level_text, number_range, placed, share
 from protocols.blocks import FigurePlace, Paragraph
@@ -34,6 +31,13 @@ class ModelEffects:
 
     model: str
     deviations: tuple[Deviation, ...]
+
+
+@dataclass(frozen=True)
+class ModelDeviation(Deviation):
+    """A deviation of a model, which `model` names."""
+
+    model: str = ""
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
     about: ClassVar[str]
     """Model, named in a sentence."""
     unit: ClassVar[str]
-    """Of deviations, as an axis has it."""
+    """Unit of deviations, as an axis has it."""
 
     def __init__(self, of: AnyPart) -> None:
         self._of = of
@@ -84,28 +88,21 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
 
     def show(self, found: RandomEffectResults, plan: P) -> Presentation:
         """Return the deviations, and the levels of participants and scenes."""
-        rows = [(one.model, own) for one in found.models for own in one.deviations]
-        name = self.name
-        drawn = [(model, own) for model, own in rows if own.levels]
-        several = any(model for model, _ in rows)
-        table = ResultTable.of(
+        rows = [
+            ModelDeviation(**vars(own), model=one.model)
+            for one in found.models
+            for own in one.deviations
+        ]
+        name, drawn = self.name, [own for own in rows if own.levels]
+        model = attribute("Model", "model", str, "l c")
+        table = ResultTable[ModelDeviation].of(
             f"Random effects of {self.about}",
             rows,
-            ResultColumn(
-                "Model",
-                "l c",
-                (lambda row: row[0]) if several else None,
-                lambda row: {"model": row[0]},
-            ),
-            *within(
-                itemgetter(1),
-                (
-                    attribute("Of", "name", str, "l"),
-                    estimated(f"SD, {self.unit}", "sd"),
-                    limits(plan.limits),
-                    attribute("ICC", "icc", share),
-                ),
-            ),
+            model if any(own.model for own in rows) else replace(model, text=None),
+            attribute("Of", "name", str, "l"),
+            estimated(f"SD, {self.unit}", "sd"),
+            limits(plan.limits),
+            attribute("ICC", "icc", share),
         )
         return Presentation(
             blocks=(
@@ -119,11 +116,11 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
                 FigurePlace(name),
             ),
             sentences=tuple(
-                f"Random effects of {self.about}{f' ({model})' if model else ''}: the SD of"
+                f"Random effects of {self.about}{own.model and f' ({own.model})'}: the SD of"
                 f" {own.name} was {placed(own, own.sd)} {self.unit}, {level_text(plan.confidence)}"
                 f" {number_range(own.lower, own.upper)}"
                 + (f" (ICC = {share(own.icc)})." if not math.isnan(own.icc) else ".")
-                for model, own in rows
+                for own in rows
             ),
             methods=(
                 f"Standard deviations of random effects of {self.about} have limits of the profile"
@@ -133,34 +130,31 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
                 f"{name}.csv": table.frame(),
                 **({f"{name}_levels.csv": _levels(drawn)} if drawn else {}),
             },
-            figures=[
-                PartFigure(
-                    name,
-                    f"Random effects of {self.about}: how far each"
-                    f" {' and '.join(dict.fromkeys(own.name for _, own in drawn))} lies from the"
-                    f" typical one, with {plan.limits} given the model's deviations.",
-                    partial(
-                        caterpillar_plot,
-                        {own.name: own.levels for _, own in drawn},
-                        x_label=f"From the typical one, {self.unit}",
-                        level=plan.confidence,
-                        label=plan.label,
-                    ),
-                )
-            ]
-            if drawn
-            else [],
+            figures=[self._figure(drawn, plan)] if drawn else [],
         )
 
+    def _figure(self, drawn: Sequence[Deviation], plan: P) -> PartFigure:
+        levels = {own.name: own.levels for own in drawn}
+        caption = (
+            f"Random effects of {self.about}: how far each {' and '.join(levels)} lies from the"
+            f" typical one, with {plan.limits} given the model's deviations."
+        )
+        draw = partial(
+            caterpillar_plot,
+            levels,
+            x_label=f"From the typical one, {self.unit}",
+            level=plan.confidence,
+            label=plan.label,
+        )
+        return PartFigure(self.name, caption, draw)
 
-def _levels(rows: Sequence[tuple[str, Deviation]]) -> pd.DataFrame:
+
+def _levels(rows: Sequence[ModelDeviation]) -> pd.DataFrame:
     return pd.DataFrame(
-        [
-            {"model": model, "of": own.name, "level": one.name}
-            | {"value": one.value, "error": one.error}
-            for model, own in rows
-            for one in own.levels
-        ]
+        {"model": own.model, "of": own.name, "level": one.name}
+        | {"value": one.value, "error": one.error}
+        for own in rows
+        for one in own.levels
     )
 
 

@@ -20,7 +20,7 @@ from analysis.plots.style import (
 )
 
 PERSON = "#B4B4B4"
-"""Of one person's line, which lies below all else."""
+"""Colour of one person's line, which lies below all else."""
 
 
 def learning_plot(

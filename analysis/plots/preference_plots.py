@@ -16,6 +16,7 @@ from analysis.plots.style import (
     ORANGE,
     PALE_BLUE,
     PALE_ORANGE,
+    Axes,
     Figure,
     explain,
     font_size,
@@ -28,7 +29,7 @@ from analysis.plots.style import (
     share_axis,
     wrapped,
 )
-from analysis.report.wording import share
+from analysis.report.wording import share, share_range
 
 Label = Callable[[str], str]
 
@@ -72,42 +73,11 @@ def preference_bars(
             1, 2, sharey=True, width_ratios=(1.0, 0.40 if width_in < 5 else 0.22)
         )
         for y, cell in rows:
-            axes.barh(
-                y,
-                cell.estimate.share,
-                height=0.62,
-                color=BLUE if cell.estimate.share > 0.5 else PALE_BLUE,
-            )
-            axes.barh(
-                y,
-                1.0 - cell.estimate.share,
-                left=cell.estimate.share,
-                height=0.62,
-                color=PALE_ORANGE if cell.estimate.share > 0.5 else ORANGE,
-            )
-            axes.plot(
-                [cell.estimate.lower, cell.estimate.upper], [y, y], color="black", lw=1.1, zorder=4
-            )
-            for end in (cell.estimate.lower, cell.estimate.upper):
-                axes.plot([end, end], [y - 0.13, y + 0.13], color="black", lw=1.1, zorder=4)
             own = np.asarray(shares.get((cell.method, cell.against, cell.size), ()))
-            axes.scatter(
-                own,
-                y + _spread(own),
-                s=4 if width_in < 5 else 8,
-                facecolor="white",
-                edgecolor="black",
-                linewidth=0.5,
-                zorder=5,
-                clip_on=False,
-            )
-            numbers.text(0.0, y, share(cell.estimate.share), va="center", fontweight="bold")
-            numbers.text(
-                0.34,
-                y,
-                f"[{share(cell.estimate.lower)}, {share(cell.estimate.upper)}]",
-                va="center",
-            )
+            _split_bar(axes, y, cell, own, 4 if width_in < 5 else 8)
+            found = cell.estimate
+            numbers.text(0.0, y, share(found.share), va="center", fontweight="bold")
+            numbers.text(0.34, y, share_range(found.lower, found.upper), va="center")
         null_line(axes, 0.5)
         share_axis(axes, f"Share preferring {'' if width_in < 5 else 'the method on the '}left")
         said = f"Whiskers and [ ]: {limits_text(cells[0].estimate.level)}; dots: participants"
@@ -139,6 +109,19 @@ def preference_bars(
         numbers.set_xlim(0.0, 1.0)
         numbers.axis("off")
     return figure
+
+
+def _split_bar(axes: Axes, y: float, cell: Preference, own: Floats, dot: float) -> None:
+    """Draw a bar of both methods, its limits, and participants' own shares."""
+    found = cell.estimate
+    first, second = (BLUE, PALE_ORANGE) if found.share > 0.5 else (PALE_BLUE, ORANGE)
+    axes.barh(y, found.share, height=0.62, color=first)
+    axes.barh(y, 1.0 - found.share, left=found.share, height=0.62, color=second)
+    axes.plot([found.lower, found.upper], [y, y], color="black", lw=1.1, zorder=4)
+    for end in (found.lower, found.upper):
+        axes.plot([end, end], [y - 0.13, y + 0.13], color="black", lw=1.1, zorder=4)
+    axes.scatter(own, y + _spread(own), s=dot, facecolor="white", edgecolor="black", linewidth=0.5,
+                 zorder=5, clip_on=False)  # fmt: skip
 
 
 def forest_plot(

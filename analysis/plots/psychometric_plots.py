@@ -35,7 +35,7 @@ Curve = Callable[[Floats], Floats]
 Series = tuple[Floats, Floats, Floats, Curve | None]
 """Levels, right answers, trials; and the fit, which gives the share of right answers."""
 PANELS = 48
-"""Of people, at most."""
+"""Panels of people, at most."""
 
 
 @dataclass(frozen=True)

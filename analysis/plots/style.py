@@ -37,7 +37,7 @@ PALE_ORANGE = "#F6D3BC"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, "#7A5195", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 DASHES = ("-", "--", "-.", ":", (0, (6, 2)), (0, (1, 1)))
-"""Of curves, which grey prints and the colour-blind tell apart by these."""
+"""Dashes of curves, which grey prints and the colour-blind tell apart by these."""
 
 SIMULATED_TEXT = "SIMULATED DATA"
 

@@ -155,7 +155,7 @@ def _readable_on(colour: tuple[float, float, float, float]) -> str:
 
 
 LEAST_SPAN = 0.02
-"""Of an axis: where no level lies off the typical one, what is left of the search is not shown."""
+"""Least span of an axis: where no level lies off the typical one, nothing of the search shows."""
 NAMED = 40
 """Levels of one effect that have room for their names."""
 

@@ -18,7 +18,7 @@ STUDIES = 199, 999
 MOST_COUNTS = 3_000_000
 """Simulated in all: of a large table fewer studies are."""
 MOST_LEVELS = 10
-"""Of more levels, neighbours are looked at together."""
+"""Levels looked at by themselves: of more, neighbours are looked at together."""
 STEPS = 15
 REFITS = 25
 LONGEST_STEP = 1.5
@@ -234,9 +234,9 @@ class _Counts:
 
     population: Population
     row: Ints
-    """Of each trial."""
+    """Row of each trial."""
     cell: Ints
-    """Of each row; below, too."""
+    """Cell of each row; what follows is of each row, too."""
     eta: Floats
     level: Floats
     shown: Floats

@@ -18,7 +18,7 @@ OPEN_RANGES = 5.0
 
 _NODES = np.linspace(-4.5, 4.5, 91)
 _WEIGHTS = np.exp(-0.5 * _NODES**2) / np.exp(-0.5 * _NODES**2).sum()
-"""Of a standard normal."""
+"""Nodes and weights of a standard normal."""
 
 
 @dataclass(frozen=True)

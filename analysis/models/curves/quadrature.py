@@ -19,7 +19,7 @@ from analysis.models.numeric import newton_polish
 NODES = 11, 41
 """Fewest and most, of what a participant has in all conditions, and of what in one."""
 REACH = 4.5
-"""Of the nodes, in deviations given the answers."""
+"""Reach of the nodes, in deviations given the answers."""
 FARTHEST_APART = 0.9
 """Nodes, in eta; curves bend within 1."""
 LAPSE_NODES = 7
@@ -221,7 +221,7 @@ class _Integrated:
     successes: Floats
     trials: Floats
     person: Ints
-    """Of each row."""
+    """Participant of each row."""
     cell: Ints
     person_of_cell: Ints
     condition_of_cell: Ints

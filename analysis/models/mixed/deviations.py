@@ -12,12 +12,12 @@ from analysis.arrays import Floats
 from analysis.models.numeric import chi_squared_quantile
 
 MOST_PROFILED = 300
-"""Of all effects together, for profile limits: more take minutes."""
+"""Effects together, at most, that get profile limits: more take minutes."""
 LATENT_VARIANCE = {"logit": math.pi**2 / 3.0, "probit": 1.0}
-"""Of one answer on the scale of the model, by link."""
+"""Variance of one answer on the scale of the model, by link."""
 MOST_STEPS, MOST_HALVES = 20, 4
 SMALL_GAIN = 1e-3
-"""Of a log likelihood, that a further step would gain; it is added."""
+"""Gain of a log likelihood by a further step that is not taken; it is added."""
 _LONGEST = 20
 """Doublings of the step in search of an upper limit."""
 

@@ -30,14 +30,14 @@ SINGULAR_SD = 1e-3
 """Logits; no data could tell a deviation below from 0."""
 
 ROUGH_VARIANCE = 0.02
-"""Of a deviation: about that of ten people's."""
+"""Variance of a deviation: about that of ten people's."""
 ROUGH_RIDGE = 0.1
 """On the information about coefficients, so that a first step stays short."""
 
 MOST_STEPS = 100
 LONGEST_STEP = 3.0
 SMALL_STEP = 1e-6
-"""Of the search for the mode, in deviations of a random effect; what is left is its square."""
+"""Least step of the search for the mode, in deviations of an effect; its square is left."""
 BEND_STEP = 1e-4
 RATE_STEP = 1e-4
 """Steps of differences: of a curvature in eta, of the likelihood in the logit of a rate."""

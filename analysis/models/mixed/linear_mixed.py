@@ -19,9 +19,9 @@ IMPOSSIBLE = 1e10
 LARGEST = 300.0
 """Largest such share: beyond it the levels take all there is, and the equations are singular."""
 LEAST_RATIO = 1e-8
-"""Of variances, in place of 0: the likelihood is the same to as many digits, and has its slope."""
+"""Ratio of variances in place of 0: the likelihood is the same to its digits, and has its slope."""
 LEAST_SQUARES = 1e-30
-"""Of the squares of residuals, as a share of those of all values: below what arithmetic tells."""
+"""Share of residuals in the squares of all values: below what arithmetic tells."""
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 
 from analysis.arrays import Floats, Ints
-from analysis.models.cells import checked, grid, numbered
+from analysis.models.cells import TrialGrid, checked, grid, numbered
 from analysis.models.contrasts import (
     IN_CONDITION,
     CrossedDesign,
+    Difference,
     absorbing,
     equal,
     pairs_of,
@@ -27,7 +28,7 @@ from analysis.models.numeric import two_sided_quantile
 from analysis.models.right_answers import FEW_PARTICIPANTS
 
 NO_SPREAD = 1e-3
-"""Of ln s; a deviation below is none."""
+"""Deviation of ln s below which there is none."""
 
 
 @dataclass(frozen=True)
@@ -132,14 +133,8 @@ def time_model(
     has one time of a condition they are part of the residual, and where each has one condition
     there are none.
     """
-    rows = checked(trials, ("rt_s",), by)
-    rows = rows[rows["rt_s"].notna()].reset_index(drop=True)
-    if rows.empty or (rows["rt_s"] <= 0).any():
-        raise ValueError("column 'rt_s' must hold times above 0 s")
-    places = grid(rows)
+    rows, places = _with_times(trials, by)
     people = len(places.participants)
-    if people < 2:
-        raise ValueError(f"trials must hold two participants at least (found {people})")
     parts, condition = numbered(rows, by)
     names = [name for name, _ in parts]
     pairs = pairs_of(names, reference)
@@ -172,32 +167,11 @@ def time_model(
         notes.append(f"only {people} participants: limits and p are a rough guide")
     return TimeModel(
         times=tuple(
-            ConditionTime(
-                name,
-                float(np.exp(beta[k])),
-                float(np.exp(beta[k] - reach[k])),
-                float(np.exp(beta[k] + reach[k])),
-                len(part),
-            )
-            for k, (name, part) in enumerate(parts)
+            ConditionTime(name, middle, low, high, len(part))
+            for (name, part), own, to in zip(parts, beta, reach, strict=True)
+            for middle, low, high in [np.exp([own, own - to, own + to]).tolist()]
         ),
-        ratios=tuple(
-            TimeRatio(
-                first=gap.first,
-                second=gap.second,
-                ratio=float(np.exp(gap.difference)),
-                lower=float(np.exp(gap.lower)),
-                upper=float(np.exp(gap.upper)),
-                level=level,
-                df=gap.df,
-                p=gap.p,
-                p_adjusted=gap.p_adjusted,
-                t=gap.t,
-                ratio_p=own,
-                ratio_p_adjusted=together,
-            )
-            for gap, (own, together) in zip(gaps, tested, strict=True)
-        ),
+        ratios=tuple(_time_ratio(gap, *own, level) for gap, own in zip(gaps, tested, strict=True)),
         beta=tuple(map(float, beta)),
         beta_se=tuple(map(float, error)),
         participant_sd=sd["participant"],
@@ -216,6 +190,25 @@ def time_model(
             names, np.eye(len(names)), beta, covariance, crossed.df, level=level, asked=asked or {}
         ),
     )
+
+
+def _with_times(trials: pd.DataFrame, by: Sequence[str]) -> tuple[pd.DataFrame, TrialGrid]:
+    rows = checked(trials, ("rt_s",), by)
+    rows = rows[rows["rt_s"].notna()].reset_index(drop=True)
+    if rows.empty or (rows["rt_s"] <= 0).any():
+        raise ValueError("column 'rt_s' must hold times above 0 s")
+    places = grid(rows)
+    if len(places.participants) < 2:
+        found = len(places.participants)
+        raise ValueError(f"trials must hold two participants at least (found {found})")
+    return rows, places
+
+
+def _time_ratio(gap: Difference, own: float, together: float, level: float) -> TimeRatio:
+    ratio, lower, upper = np.exp([gap.difference, gap.lower, gap.upper]).tolist()
+    sides = gap.first, gap.second
+    tested = gap.df, gap.p, gap.p_adjusted, gap.t, own, together
+    return TimeRatio(*sides, ratio, lower, upper, level, *tested)
 
 
 def _ratio(
