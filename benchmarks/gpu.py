@@ -26,7 +26,7 @@ from benchmarks.fill import TimedFrame
 from benchmarks.foveate import picture
 from benchmarks.shared.dispatches import Copy
 from benchmarks.shared.frame_cost import FrameCost, Pass, Work, frame_cost
-from benchmarks.shared.output import conditions, file_to_write, write_record
+from benchmarks.shared.output import Record, conditions, file_to_write, write_record
 from pipeline.errors import GLUnavailableError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
@@ -207,7 +207,7 @@ def _row(
     )
 
 
-def table(rows: list[dict[str, Any]]) -> Table:
+def table(rows: list[Record]) -> Table:
     """Tabulate rows, as `asdict` gives them."""
     shown = Table()
     for name in ("what", "edge px", "GPU ms", "frame ms", "host ms", "Python calls", "to a copy",
@@ -256,7 +256,7 @@ def main(argv: list[str]) -> int:
         return 0
     console.print(f"renderer: {describe(ctx)}")
     names = ["copy", *(name for bench in arguments.only for name in NAMES[bench])]
-    rows: list[dict[str, Any]] = []
+    rows: list[Record] = []
     for edge_px in arguments.size:
         for bench in arguments.only:
             for row in costs(ctx, bench, edge_px, arguments.repeats):

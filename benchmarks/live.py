@@ -87,7 +87,7 @@ class LiveTiming:
     field: str
     """`rests` where displacements stay, `moves` where each frame makes them anew."""
     cpu_ms: float
-    """Of the whole process, a frame."""
+    """CPU time of the whole process, a frame."""
     frames_per_s: float
     median_ms: float | None
     p95_ms: float | None

@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -380,7 +379,7 @@ class _Running:
         return found
 
 
-def _write(path: Path, kept: Sequence[Any], running: Sequence[_Running]) -> None:
+def _write(path: Path, kept: Sequence[object], running: Sequence[_Running]) -> None:
     rows = [row for one in running for row in one.cells()]
     told = [vars(row) | {"design": vars(row.design)} for row in rows]
     write_record(path, {"cells": [*kept, *({"revision": code_revision()} | one for one in told)]})

@@ -7,9 +7,8 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-from benchmarks.shared.output import PagePart
+from benchmarks.shared.output import PagePart, Record
 
 PART = PagePart("measured")
 ROOT = Path(__file__).resolve().parents[1]
@@ -56,7 +55,7 @@ def table(results: Path) -> str:
     return "\n".join([*lines, "", said])
 
 
-def graphics_cards(results: Path) -> dict[str, dict[str, Any]]:
+def graphics_cards(results: Path) -> dict[str, Record]:
     """Return what `script/prove-gpu` found on each graphics card, by its name."""
     found = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(results.glob(GPUS))]
     return {
@@ -70,7 +69,7 @@ def _line(cells: list[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _on_card(card: dict[str, Any], wanted: Sequence[tuple[str, str, int]]) -> str:
+def _on_card(card: Record, wanted: Sequence[tuple[str, str, int]]) -> str:
     """Times of a card; a frame that it did not measure has none."""
     rows = {(row["bench"], row["name"], row["edge_px"]): row for row in card["rows"]}
     cells = []
@@ -85,19 +84,19 @@ class _Results:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._read: dict[str, dict[str, Any]] = {}
+        self._read: dict[str, Record] = {}
 
-    def __getitem__(self, name: str) -> dict[str, Any]:
+    def __getitem__(self, name: str) -> Record:
         if name not in self._read:
             text = (self._folder / f"{name}.json").read_text(encoding="utf-8")
             self._read[name] = json.loads(text)
         return self._read[name]
 
     def revision(self, name: str) -> str:
-        """Of the code that was measured."""
+        """Revision of the code that was measured."""
         return str(self[name]["revision"])
 
-    def fill(self, method: str, edge_px: int = EDGE_PX) -> dict[str, Any]:
+    def fill(self, method: str, edge_px: int = EDGE_PX) -> Record:
         """A method's timing with the mask `MASK`."""
         return next(
             entry

@@ -13,9 +13,8 @@ import sys
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from benchmarks.shared.output import PagePart, file_to_write
+from benchmarks.shared.output import PagePart, Record, file_to_write
 from pipeline.colour import YCBCR_FROM_RGB
 from protocols.load import load_display, shipped
 from protocols.study_file.schema import StudyProtocol
@@ -33,7 +32,7 @@ from stimuli.score.viewing_conditions import standard_fhd
 from stimuli.score.write_scores import CACHE_FOLDER, JSON_NAME
 from study_app.cli.progress import progress_line
 
-MOTIONS: dict[str, dict[str, Any]] = {
+MOTIONS: dict[str, Record] = {
     "lateral": {"kind": "line", "direction": (1.0, 0.0, 0.0)},
     "vertical": {"kind": "line", "direction": (0.0, 1.0, 0.0)},
     "6dof": {
@@ -63,7 +62,7 @@ PART = PagePart("scores")
 
 def protocol(motion: str, scenes: Sequence[str], methods: Sequence[str]) -> StudyProtocol:
     """Return a study of built-in scenes, each on the path of `MOTIONS` called `motion`."""
-    raw: dict[str, Any] = tomllib.loads(shipped("studies")["demo"].read_text(encoding="utf-8"))
+    raw: Record = tomllib.loads(shipped("studies")["demo"].read_text(encoding="utf-8"))
     raw["study"] |= {"name": f"quality-{motion}", "title": f"The built-in scenes, {motion}"}
     stimuli = raw["stimuli"]
     stimuli["scenes"] = [

@@ -94,7 +94,7 @@ def responses(levels: int) -> Complex:
 
 
 def _response(kernel: Array, frequency: Array) -> Complex:
-    """Of a correlation kernel whose first tap lies at -1, as those of all bands do."""
+    """Response of a correlation kernel whose first tap lies at -1, as those of all bands do."""
     shift = np.exp(1j * np.multiply.outer(frequency, np.arange(len(kernel)) - 1))
     return np.asarray(shift @ kernel @ shift.T)
 
@@ -289,7 +289,7 @@ class LagFit:
         return np.stack([squares, *lags], axis=1)
 
     def correlations(self, free: Array) -> Array:
-        """Of all bands, (levels, 3, len(LAGS)); x and y are exchangeable."""
+        """Correlations of all bands, (levels, 3, len(LAGS)); x and y are exchangeable."""
         high, corner, along, across, oriented_corner = free.reshape(-1, 5).T
         rows = [
             (high, high, corner, corner),

@@ -10,9 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from protocols.revision import code_revision
+
+Record: TypeAlias = dict[str, Any]
+"""Results of a benchmark, as JSON holds them."""
 
 
 def file_to_write(name: str) -> Path:
@@ -29,12 +32,12 @@ def file_to_write(name: str) -> Path:
     return path
 
 
-def write_record(path: Path, record: Any) -> None:
+def write_record(path: Path, record: object) -> None:
     """Write what was measured as JSON: six digits, and what holds no further list on one line."""
     path.write_text(_record(record, "\n") + "\n", encoding="utf-8")
 
 
-def _record(value: Any, line: str) -> str:
+def _record(value: object, line: str) -> str:
     if isinstance(value, float):
         return json.dumps(float(f"{value:.6g}"))
     if not isinstance(value, dict | list | tuple) or not value:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,10 +29,9 @@ from pipeline.video_file import is_video
 from protocols.disk.whole_file import write_whole
 from stimuli import pictures
 from stimuli.compress.rivals import InfeasibleRival, measured, rivals, sheet_of
-from stimuli.exr import save_colour
-from stimuli.media.any_picture import read_any
-from stimuli.media.frames_folder import SILENT, Reporter, frames_folder, frames_in
+from stimuli.media.frames_folder import SILENT, Reporter
 from stimuli.media.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
+from stimuli.media.picture_files import PictureFiles, save_pictures
 from stimuli.media.video import check_video, folder_of_frames, write_video
 from stimuli.pictures import Picture
 
@@ -76,7 +73,7 @@ def compress_file(
     if compare is not None and (source.is_dir() or is_video(source)):
         raise InputError("--compare takes one picture, not frames or a video; give it a frame")
     with folder_of_frames(source, tell) as folder:
-        frames = _frames(folder, tell)
+        frames = _frames(folder, reporter)
     height, width = frames[0].shape[:2]
     looking = viewing.of((height, width))
     gaze_px = read_gaze(viewing.gaze, looking.geometry)
@@ -149,7 +146,6 @@ def decompress_file(
     if not statistics:
         held = replace(held, levels=0, statistics=())
     count = len(held.bases)
-    names = [out.name] if count == 1 else [f"{index:06}.png" for index in range(count)]
     if count > 1 and out.suffix.lower() in (".png", ".exr"):
         raise InputError(f"{source}: holds a clip of {count} frames: OUT must be a folder")
     if count == 1 and video is not None:
@@ -158,22 +154,15 @@ def decompress_file(
         check_video(video, *held.grid.size)
     if count == 1 and out.suffix.lower() not in (".png", ".exr"):
         raise InputError(f"{out}: must end in .png or .exr")
-    out.parent.mkdir(parents=True, exist_ok=True)
+    names = [f"{index:06}.png" for index in range(count)] if count > 1 else None
     shower = DecompressPass(ctx, held) if ctx is not None else None
+    show = decompress if shower is None else shower.apply
     try:
-        with frames_folder(out) if count > 1 else nullcontext(out.parent) as folder:
-            for index, name in enumerate(names):
-                if shower is not None:
-                    shown = shower.apply(held, seed=seed, frame=index)
-                else:
-                    shown = decompress(held, seed=seed, frame=index)
-                save_colour(folder / name, shown)
-                if count > 1:
-                    reporter.progress("frames", index + 1, count)
+        shown = ((show(held, seed=seed, frame=index), None) for index in range(count))
+        written = save_pictures(out, names, shown, reporter)
     finally:
         if shower is not None:
             shower.release()
-    written = [(out if count > 1 else out.parent) / name for name in names]
     width, height = held.grid.size
     kind = f"{held.levels} levels of statistics" if held.levels else "no statistics"
     tell(f"wrote {out}: {count} x {width} x {height} px, {kind}, seed {seed}")
@@ -183,22 +172,16 @@ def decompress_file(
     return written
 
 
-def _frames(source: Path, tell: Callable[[str], None]) -> list[NDArray[np.float32]]:
-    paths = frames_in(source) if source.is_dir() else [source]
+def _frames(source: Path, reporter: Reporter) -> list[NDArray[np.float32]]:
+    files = PictureFiles(source, "compress")
+    height, width = files.size
     frames: list[NDArray[np.float32]] = []
     packed = 0
-    for path in paths:
-        opened = read_any(path, command="compress")
+    for path, opened in zip(files.paths, files, strict=True):
         packed += path.stat().st_size
-        height, width = opened.size
         check_need(source, "compress", width, height, packed, frames=len(frames) + 1)
-        if frames and opened.size != frames[0].shape[:2]:
-            raise InputError(
-                f"{path}: must be as large as the first frame (is {width} x {height} px)"
-            )
         if not frames:
-            for note in opened.notes:
-                tell(f"note: {note}")
+            reporter.note(opened.notes)
         frames.append(opened.colour)
     return frames
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from collections.abc import Iterable
 from pathlib import Path
 
 import moderngl
@@ -25,9 +25,10 @@ from stimuli.denoise.path_traced import (
     render_pair,
 )
 from stimuli.exr import save_colour
-from stimuli.media.any_picture import PictureReading, read_any
-from stimuli.media.frames_folder import SILENT, Reporter, frames_folder, frames_in
+from stimuli.media.any_picture import PictureReading
+from stimuli.media.frames_folder import SILENT, Reporter
 from stimuli.media.gaze_and_display import StatedViewing, gaze_words, look_at, read_gaze
+from stimuli.media.picture_files import PictureFiles, save_pictures
 from stimuli.scenes.builtin_scenes import build_scene
 
 NETWORKS: tuple[Kind, ...] = ("moments", "rgb")
@@ -133,63 +134,53 @@ def denoise_file(
             " denoised for that gaze (the middle of a picture of 512 x 512 px is 256,256)"
         )
     check_seed(seed)
+    clip, files = source.is_dir(), PictureFiles(source, "denoise", PictureReading(clip=True))
+    _check_places(source, out, compare)
+    names = files.names if clip else None
+    first = files.first.colour
+    reporter.note(files.first.notes)
+    height, width = files.size
+    looking = viewing.of(files.size)
+    gaze_px = read_gaze(viewing.gaze, looking.geometry)
+    chosen = open_network(network)
+    tell(looking.words)
+    tell(gaze_words(gaze_px, looking.geometry))
+    tell(network_words(network, chosen.facts))
+    reporter.note(_unlike_training(chosen.facts, looking.geometry))
+    denoiser = Denoiser(chosen, looking.geometry, gaze_px, ctx)
+    try:
+        denoised: Iterable[Picture] = (denoiser(noisy.colour, seed) for noisy in files)
+        if compare is not None:  # of one picture
+            denoised = list(denoised)
+            rival = DenoisingNetwork(shipped_network("rgb"))
+            plain = Denoiser(rival, looking.geometry, gaze_px)(first)
+            shown = [first, plain, *denoised]
+            labels = ("noisy", "network for colour", network)
+        written = save_pictures(out, names, ((one, None) for one in denoised), reporter)
+    finally:
+        denoiser.release()
+    if compare is not None:
+        tiles = [(label, pictures.of_colour(one)) for label, one in zip(labels, shown, strict=True)]
+        pictures.save_picture(compare, pictures.sheet(tiles, columns=3))
+        tell(f"wrote {compare}")
+    what = f", seed {seed}" if chosen.facts.kind == "moments" else ""
+    tell(f"wrote {out}: {len(written)} x {width} x {height} px{what}")
+    return written
+
+
+def _check_places(source: Path, out: Path, compare: Path | None) -> None:
     clip = source.is_dir()
-    sources = frames_in(source) if clip else [source]
     if compare is not None and clip:
         raise InputError("--compare takes one picture, not frames; give it a frame")
     if clip and out.suffix.lower() in ENDINGS:
         raise InputError(f"{source}: is a folder of frames: OUT must be a folder")
     if not clip and out.suffix.lower() not in ENDINGS:
         raise InputError(f"{out}: must end in {' or '.join(ENDINGS)}")
-    names = [f"{path.stem}.png" for path in sources] if clip else [out.name]
-    if len(set(names)) < len(names):
-        raise InputError(f"{source}: frames must have different names, endings aside")
     for path in (out, compare):
         if path is not None and path.exists() and path.samefile(source):
             raise InputError(f"{path}: is what is to be denoised; write somewhere else")
     if compare is not None and compare.absolute() == out.absolute():
         raise InputError(f"{out}: OUT and --compare must be different files")
-    first = read_any(sources[0], PictureReading(clip=True), "denoise")
-    for note in first.notes:
-        tell(f"note: {note}")
-    height, width = first.colour.shape[:2]
-    looking = viewing.of((height, width))
-    gaze_px = read_gaze(viewing.gaze, looking.geometry)
-    chosen = open_network(network)
-    tell(looking.words)
-    tell(gaze_words(gaze_px, looking.geometry))
-    tell(network_words(network, chosen.facts))
-    for note in _unlike_training(chosen.facts, looking.geometry):
-        tell(f"note: {note}")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    denoiser = Denoiser(chosen, looking.geometry, gaze_px, ctx)
-    try:
-        with frames_folder(out) if clip else nullcontext(out.parent) as folder:
-            for index, (path, name) in enumerate(zip(sources, names, strict=True)):
-                noisy = (
-                    first if index == 0 else read_any(path, PictureReading(clip=True), "denoise")
-                ).colour
-                if noisy.shape != first.colour.shape:
-                    raise InputError(
-                        f"{path}: must be as large as the first frame, {width} x {height} px"
-                        f" (is {noisy.shape[1]} x {noisy.shape[0]})"
-                    )
-                shown = denoiser(noisy, seed)
-                save_colour(folder / name, shown)
-                if clip:
-                    reporter.progress("frames", index + 1, len(names))
-    finally:
-        denoiser.release()
-    if compare is not None:
-        rival = DenoisingNetwork(shipped_network("rgb"))
-        plain = Denoiser(rival, looking.geometry, gaze_px)(first.colour)
-        tiles = [("noisy", first.colour), ("network for colour", plain), (network, shown)]
-        sheet = [(label, pictures.of_colour(one)) for label, one in tiles]
-        pictures.save_picture(compare, pictures.sheet(sheet, columns=3))
-        tell(f"wrote {compare}")
-    what = f", seed {seed}" if chosen.facts.kind == "moments" else ""
-    tell(f"wrote {out}: {len(names)} x {width} x {height} px{what}")
-    return [(out if clip else out.parent) / name for name in names]
 
 
 def network_words(name: str, facts: NetworkFacts) -> str:

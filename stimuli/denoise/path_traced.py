@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from pipeline.denoising.maps import Sampling
 from pipeline.errors import InputError, MissingExtraError
 from stimuli.rendering.world import Light, MeshPart, Viewpoint, World
 from stimuli.scenes.builtin_scenes import scene_entry
+
+_Described: TypeAlias = dict[str, Any]
+"""A part of a scene, as Mitsuba takes it."""
 
 INSTALL = (
     "install it with: pip install 'metamerlab[denoise]' (in a checkout: script/setup --denoise)"
@@ -67,7 +70,7 @@ class PathTracer:
         self._mitsuba = mitsuba
         light = world.light or Light()
         self._exposure = light.exposure
-        scene: dict[str, Any] = {
+        scene: _Described = {
             "type": "scene",
             "integrator": {"type": "path", "max_depth": BOUNCES, "rr_depth": 99},
             "sun": {
@@ -119,7 +122,7 @@ class PathTracer:
         """Encode light as our renderer does: exposure, its tone curve, sRGB; within [0, 1]."""
         return encoded(self._exposure * light.astype(np.float64))
 
-    def _sky(self, world: World, light: Light) -> dict[str, Any]:
+    def _sky(self, world: World, light: Light) -> _Described:
         """The panorama, as bright on average as the sky's light."""
         mitsuba = self._mitsuba
         if world.sky is None:
@@ -152,15 +155,15 @@ class PathTracer:
         held.update()
         return made
 
-    def _surface(self, part: MeshPart) -> dict[str, Any]:
+    def _surface(self, part: MeshPart) -> _Described:
         mitsuba, material = self._mitsuba, part.material
         colour = decode_srgb(material.texture[..., :3].astype(np.float64) / 255)
         tinted = np.clip(colour * part.mesh.colour.mean(axis=0), 0, 0.99).astype(np.float32)
 
-        def texture(values: NDArray[np.float32]) -> dict[str, Any]:
+        def texture(values: NDArray[np.float32]) -> _Described:
             return {"type": "bitmap", "bitmap": mitsuba.Bitmap(values), "raw": True}
 
-        surface: dict[str, Any] = {
+        surface: _Described = {
             "type": "twosided",
             "bsdf": {"type": "diffuse", "reflectance": texture(np.ascontiguousarray(tinted))},
         }

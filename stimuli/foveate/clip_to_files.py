@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,12 +16,12 @@ from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import SteadyGaze, carried
 from pipeline.named_classes import Choice
 from protocols.errors import count_of
-from stimuli.exr import save_colour
 from stimuli.foveate.condition_sheet import check_choices
 from stimuli.foveate.foveate_files import METAMER
-from stimuli.media.any_picture import PictureReading, check_drawable, read_any
-from stimuli.media.frames_folder import SILENT, Reporter, frames_folder, frames_in
+from stimuli.media.any_picture import PictureReading, check_drawable
+from stimuli.media.frames_folder import SILENT, Reporter
 from stimuli.media.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
+from stimuli.media.picture_files import PictureFiles, save_pictures
 from stimuli.media.plane_file import read_flo
 from stimuli.media.video import check_video, write_video
 
@@ -97,12 +97,11 @@ def foveate_clip(
     tell, reading, track = reporter.say, asked.reading, asked.track
     check_choices([choice])
     check_seed(seed)
-    paths = frames_in(frames)
-    motions = _files(frames, out, paths, asked.flow)
-    command = "foveate" if ctx is not None else "foveate by numpy"
+    files = PictureFiles(frames, "foveate" if ctx is not None else "foveate by numpy", reading)
+    paths, names = files.paths, files.names
+    motions = _motions(frames, out, paths, asked.flow)
     check_drawable(paths[0], ctx)
-    first = read_any(paths[0], reading, command)
-    size = first.size
+    size = files.size
     looking = viewing.of(size)
     if track is not None:
         eyes = track(len(paths), size)
@@ -117,8 +116,7 @@ def foveate_clip(
     tell(f"{count_of(len(paths), 'frame')}, {size[1]} x {size[0]} px")
     tell(looking.words)
     tell(gaze_said)
-    for note in (*first.notes, *looking.notes):
-        tell(f"note: {note}")
+    reporter.note((*files.first.notes, *looking.notes))
     tell("noise is carried along the flow" if asked.flow else "noise lies on the screen")
     if asked.video is not None:
         check_video(asked.video, size[1], size[0])
@@ -126,31 +124,10 @@ def foveate_clip(
         size, viewing=looking.viewing, method=choice.name, ctx=ctx, **choice.parameters
     )
     try:
-        shift: NDArray[np.float64] | None = None
-        state = SteadyGaze(looking.geometry, (eyes[0, 0], eyes[0, 1]))
-        with frames_folder(out) as folder:
-            for index, (path, motion) in enumerate(zip(paths, motions, strict=True)):
-                opened = first if index == 0 else read_any(path, reading, command)
-                if opened.size != size:
-                    height, width = opened.size
-                    raise InputError(
-                        f"{path}: must be {size[1]} x {size[0]} px as the first frame"
-                        f" (is {width} x {height})"
-                    )
-                if motion is not None:
-                    shift = carried(shift, _read_flow(motion, size))
-                if index > 0:
-                    state = state.after((eyes[index, 0], eyes[index, 1]), 1 / asked.fps)
-                foveator.hold(opened.stored)
-                shown = foveator.show(
-                    state.eye_px, seed=seed, frame=index, noise_shift_px=shift,
-                    field_gaze_px=state.field_px,
-                )  # fmt: skip
-                save_colour(folder / f"{path.stem}.png", shown, bits=opened.bits)
-                reporter.progress("frames", index + 1, len(paths))
+        shown = _shown(foveator, files, motions, eyes, asked.fps, seed)
+        written = save_pictures(out, names, shown, reporter)
     finally:
         foveator.release()
-    written = [out / f"{path.stem}.png" for path in paths]
     tell(f"wrote {count_of(len(written), 'frame')} to {out} ({choice.label})")
     if asked.video is not None:
         write_video(asked.video, written, asked.fps)
@@ -158,10 +135,32 @@ def foveate_clip(
     return written
 
 
-def _files(frames: Path, out: Path, paths: list[Path], flow: Path | None) -> list[Path | None]:
+def _shown(
+    foveator: Foveator,
+    files: PictureFiles,
+    motions: list[Path | None],
+    eyes: NDArray[np.float64],
+    fps: float,
+    seed: int,
+) -> Iterator[tuple[NDArray[np.float32], int]]:
+    """Show each frame to its gaze; yield it with the bits that it needs."""
+    shift: NDArray[np.float64] | None = None
+    state = SteadyGaze(foveator.geometry, (eyes[0, 0], eyes[0, 1]))
+    for index, (opened, motion) in enumerate(zip(files, motions, strict=True)):
+        if motion is not None:
+            shift = carried(shift, _read_flow(motion, files.size))
+        if index > 0:
+            state = state.after((eyes[index, 0], eyes[index, 1]), 1 / fps)
+        foveator.hold(opened.stored)
+        shown = foveator.show(
+            state.eye_px, seed=seed, frame=index, noise_shift_px=shift,
+            field_gaze_px=state.field_px,
+        )  # fmt: skip
+        yield shown, opened.bits
+
+
+def _motions(frames: Path, out: Path, paths: list[Path], flow: Path | None) -> list[Path | None]:
     """Check the folders, and find each frame's flow."""
-    if len({path.stem for path in paths}) < len(paths):
-        raise InputError(f"{frames}: must hold each frame once, whatever its ending")
     if out.exists() and out.samefile(frames):
         raise InputError(f"{out}: holds the frames themselves; write to another folder")
     if flow is None:

@@ -158,8 +158,7 @@ def foveate_file(
     tell(f"{width} x {height} px")
     tell(looking.words)
     tell(gaze_words(work.gaze_px, looking.geometry))
-    for note in (*opened.notes, *looking.notes):
-        tell(f"note: {note}")
+    reporter.note((*opened.notes, *looking.notes))
     return _write(work, asked)
 
 

@@ -6,7 +6,7 @@ A command fills a folder with all of its frames or none.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +30,11 @@ class Reporter:
 
     say: Callable[[str], None] = lambda _: None
     progress: Callable[[str, int, int], None] = lambda *_: None
+
+    def note(self, notes: Iterable[str]) -> None:
+        """Say notes, a line each."""
+        for one in notes:
+            self.say(f"note: {one}")
 
 
 SILENT = Reporter()

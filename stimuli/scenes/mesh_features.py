@@ -247,7 +247,7 @@ def unsupported(path: Path, name: str) -> InputError:
     return (row or other).error(path, name)
 
 
-def _check_object(notes: Notes, found: Any, kind: str, unlit: bool = False) -> None:
+def _check_object(notes: Notes, found: object, kind: str, unlit: bool = False) -> None:
     for entry in found if isinstance(found, list) else [found]:
         if not isinstance(entry, dict):
             raise InputError(
@@ -269,7 +269,7 @@ def _check_object(notes: Notes, found: Any, kind: str, unlit: bool = False) -> N
                 notes.judge(row, f"{kind}.{key}", value)
 
 
-def _extension(notes: Notes, name: str, content: Any, kind: str) -> None:
+def _extension(notes: Notes, name: str, content: object, kind: str) -> None:
     row = row_of("glTF extension", name)
     if row is None:
         notes.left_out(name, UNKNOWN)

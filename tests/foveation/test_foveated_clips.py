@@ -132,7 +132,9 @@ def test_what_is_no_clip_is_refused(frames, flow, tmp_path, colours):
     assert "1 of 2 missing, the first is f1.flo" in refusal(frames, tmp_path / "o", "--flow", flow)
     assert not (tmp_path / "o").exists()
     save_colour(frames / "f1.png", colours[0][:20])
-    assert "f1.png: must be 56 x 40 px" in refusal(frames, tmp_path / "o")
+    assert "f1.png: must be as large as the first frame, 56 x 40 px" in refusal(
+        frames, tmp_path / "o"
+    )
 
 
 def test_flow_of_another_size_is_refused(frames, flow, tmp_path):
