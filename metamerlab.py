@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from pipeline.frame import SourceFrame as SourceFrame
     from pipeline.gl.context import create_context as create_context
     from pipeline.methods.registry import fill as fill
+    from pipeline.pictures.colour_file import load_colour as read_picture  # noqa: F401 (offered)
+    from pipeline.pictures.colour_file import save_colour as write_picture  # noqa: F401 (offered)
     from pipeline.textures.bake import bake as bake
     from pipeline.warp.gpu import warp_frame as warp  # noqa: F401 (offered)
     from protocols.load import load_protocol as load_protocol
-    from stimuli.exr import load_colour as read_picture  # noqa: F401 (offered)
-    from stimuli.exr import save_colour as write_picture  # noqa: F401 (offered)
     from study_app.cli.calls import build as build
     from study_app.cli.calls import power as power
     from study_app.cli.calls import report as report
@@ -61,7 +61,7 @@ OFFERED = {
     "load_protocol": "protocols.load:load_protocol",
     "power": "study_app.cli.calls:power",
     "preferences": "analysis.models.preference:preferences",
-    "read_picture": "stimuli.exr:load_colour",
+    "read_picture": "pipeline.pictures.colour_file:load_colour",
     "read_sessions": "analysis.tidy:read_sessions",
     "read_trials": "analysis.tables.trials:read_trials",
     "report": "study_app.cli.calls:report",
@@ -69,7 +69,7 @@ OFFERED = {
     "score": "study_app.cli.calls:score",
     "simulate": "study_app.cli.calls:simulate",
     "warp": "pipeline.warp.gpu:warp_frame",
-    "write_picture": "stimuli.exr:save_colour",
+    "write_picture": "pipeline.pictures.colour_file:save_colour",
 }
 """Name that a program writes: where it lies."""
 

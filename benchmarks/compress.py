@@ -21,8 +21,8 @@ from benchmarks.shared.output import PagePart, conditions, file_to_write, write_
 from pipeline.compression.codec import DEFAULT_ANGLES, CompressionSettings
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import create_context, release_context
-from pipeline.image_file import from_integers, read_pixels, three_channels
-from stimuli import pictures as sheets
+from pipeline.pictures import drawing
+from pipeline.pictures.decode import from_integers, read_pixels, three_channels
 from stimuli.compress.rivals import InfeasibleRival, measured, rivals, sheet_of
 from stimuli.scenes.builtin_pictures import builtin_picture
 
@@ -73,7 +73,7 @@ def main(argv: list[str]) -> int:
         if arguments.json is not None:  # after each picture: it takes minutes
             _write(found, arguments)
         if number == 0 and arguments.sheet is not None:
-            sheets.save_picture(arguments.sheet, _sheet(picture, arguments))
+            drawing.save_picture(arguments.sheet, _sheet(picture, arguments))
     text = markdown(found, arguments.sizes)
     print(text)
     if arguments.plot is not None:
@@ -165,14 +165,14 @@ def _results(name: str, picture: Picture, arguments: argparse.Namespace) -> Iter
                 )  # fmt: skip
 
 
-def _sheet(picture: Picture, arguments: argparse.Namespace) -> sheets.Picture:
+def _sheet(picture: Picture, arguments: argparse.Namespace) -> drawing.Picture:
     height, width = picture.shape[:2]
     geometry, gaze_px = Flat(WIDTH_DEG).of(width, height), (width / 2, height / 2)
     settings = CompressionSettings(codec=arguments.codecs[0], angles=arguments.angles)
     beside = rivals(picture, gaze_px, round(1000 * arguments.sheet_kb), settings)
     sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
     shrunk = tuple(round(SHEET_PX / max(sheet.shape) * edge) for edge in sheet.shape[:2])
-    return sheets.fitted(sheet, (shrunk[0], shrunk[1]))
+    return drawing.fitted(sheet, (shrunk[0], shrunk[1]))
 
 
 def _plot(found: list[Result], path: Path) -> None:

@@ -32,7 +32,7 @@ from pipeline.features.reference import analyse
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.pooling import Pools, make_pooling
-from pipeline.image_file import from_integers, read_pixels, three_channels
+from pipeline.pictures.decode import from_integers, read_pixels, three_channels
 from stimuli.score.statistics import statistics_distance
 
 Picture = NDArray[np.float32]

@@ -15,8 +15,8 @@ import numpy as np
 from pipeline.frame import WarpedFrame
 from pipeline.gl.context import create_context, release_context
 from pipeline.methods.registry import create_method
+from pipeline.pictures import drawing
 from protocols.recipes.warped_clips import CirclePath
-from stimuli import pictures
 from stimuli.batch.footage import CameraShot, Footage
 from stimuli.rendering.paths import make_path
 from stimuli.rendering.render import WorldRenderer
@@ -50,21 +50,21 @@ def main(argv: list[str]) -> int:
     footage = Footage(ctx, scenery, CameraShot(path, SIZE_PX, 0.25, 0.1), probe=[0])
     warped = footage.warped(0)
     tiles = [
-        ("warped: what the source did not see", pictures.of_holes(warped.colour, warped.hole)),
+        ("warped: what the source did not see", drawing.of_holes(warped.colour, warped.hole)),
     ]
     for name in FILLS:
         method = create_method(name, ctx)
-        tiles.append((name, pictures.of_colour(method.fill(warped, SEED))))
+        tiles.append((name, drawing.of_colour(method.fill(warped, SEED))))
         method.release()
-    tiles.append(("the true view", pictures.of_colour(footage.truth(0))))
+    tiles.append(("the true view", drawing.of_colour(footage.truth(0))))
     out.mkdir(parents=True, exist_ok=True)
     sheets = {
         "close-ups.png": close_ups(tiles),
-        "fills.png": pictures.sheet(tiles, columns=3),
+        "fills.png": drawing.sheet(tiles, columns=3),
         "method-steps.png": steps_sheet(warped, tiles),
     }
     for name, sheet in sheets.items():
-        pictures.save_picture(out / name, sheet)
+        drawing.save_picture(out / name, sheet)
     print(f"holes {100 * np.mean(warped.hole):.1f} %; wrote {', '.join(sheets)} into {out}")
     footage.release()
     scenery.release()
@@ -72,10 +72,10 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def close_ups(tiles: list[tuple[str, pictures.Picture]]) -> pictures.Picture:
+def close_ups(tiles: list[tuple[str, drawing.Picture]]) -> drawing.Picture:
     """The holes, our fill, a plain blur and the truth, in two crops at three times their size."""
     shown = [("what the camera did not see", 0), ("metameric", 2), ("push-pull", 1), ("truth", -1)]
-    return pictures.sheet(
+    return drawing.sheet(
         [
             (
                 label,
@@ -90,7 +90,7 @@ def close_ups(tiles: list[tuple[str, pictures.Picture]]) -> pictures.Picture:
     )
 
 
-def steps_sheet(warped: WarpedFrame, fills: list[tuple[str, pictures.Picture]]) -> pictures.Picture:
+def steps_sheet(warped: WarpedFrame, fills: list[tuple[str, drawing.Picture]]) -> drawing.Picture:
     """The steps of the method where most is hidden, between the warped frame and the truth."""
     rows, columns = slice(189, 309), slice(71, 231)
     detail = WarpedFrame(
@@ -104,12 +104,12 @@ def steps_sheet(warped: WarpedFrame, fills: list[tuple[str, pictures.Picture]]) 
     holes, metameric, truth = (fills[place][1][rows, columns] for place in (0, 2, -1))
     tiles = [
         ("1 warped: holes", holes),
-        ("their depth: the background's", pictures.of_depth(detail.depth_m)),
-        *((label, pictures.fitted(steps[name], (120, 160))) for name, label in STEPS),
+        ("their depth: the background's", drawing.of_depth(detail.depth_m)),
+        *((label, drawing.fitted(steps[name], (120, 160))) for name, label in STEPS),
         ("metameric", metameric),
         ("the true view", truth),
     ]
-    return pictures.sheet(tiles, columns=4)
+    return drawing.sheet(tiles, columns=4)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.picture_limits import check_values
+from pipeline.pictures.size_limits import check_values
 from pipeline.statements.check_statements import VideoStatement, judged
 from pipeline.video_header.read_header import number_bytes, statements
 from protocols.outside import reading

@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from stimuli.exr import load_colour, load_warp_input
+from pipeline.pictures.colour_file import load_colour
+from pipeline.pictures.warp_input import load_warp_input
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import PAIR_WARP, load_pair
 from stimuli.warp.one_frame import warp_and_fill

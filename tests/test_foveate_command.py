@@ -10,14 +10,14 @@ from typer.testing import CliRunner
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import CONDITIONS, foveate
 from pipeline.foveation.geometry import Equirectangular, Flat
-from pipeline.image_file import read_pixels, write_pixels
 from pipeline.named_classes import Choice
-from stimuli.exr import load_colour, save_colour
+from pipeline.pictures import colour_file
+from pipeline.pictures.colour_file import PictureReading, load_colour, read_any, save_colour
+from pipeline.pictures.decode import read_pixels
+from pipeline.pictures.write import write_pixels
 from stimuli.foveate.condition_sheet import _named, draw_pools, ring_eccentricities, usual_choices
 from stimuli.foveate.foveate_files import Outputs, foveate_file
 from stimuli.foveate.foveation_steps import condition_steps
-from stimuli.media import any_picture
-from stimuli.media.any_picture import PictureReading, read_any
 from stimuli.media.frames_folder import Reporter
 from stimuli.media.gaze_and_display import StatedViewing, look_at, read_gaze
 from stimuli.media.moving import shrunk, wandering
@@ -470,7 +470,7 @@ def test_files_that_are_no_pictures_are_refused(tmp_path):
 
 def test_a_picture_too_large_for_opengl_is_refused_by_its_header(png, tmp_path, monkeypatch):
     small = SimpleNamespace(info={"GL_MAX_TEXTURE_SIZE": 63})
-    monkeypatch.setattr(any_picture, "read_pixels", lambda _: pytest.fail("it was read"))
+    monkeypatch.setattr(colour_file, "read_pixels", lambda _: pytest.fail("it was read"))
     cure = r"at most 63 px, as OpenGL has here \(is 64 x 48 px\); make it smaller, or add --numpy"
     with pytest.raises(InputError, match=cure):
         foveate_file(png, tmp_path / "out.png", ctx=small)

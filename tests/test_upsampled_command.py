@@ -7,8 +7,9 @@ from typer.testing import CliRunner
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat, eccentricity_deg, pixel_centres
 from pipeline.frame import SourceFrame
-from pipeline.image_file import read_pixels
-from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
+from pipeline.pictures.colour_file import load_colour, save_colour
+from pipeline.pictures.decode import read_pixels
+from pipeline.pictures.warp_input import WarpInput, save_warp_input
 from stimuli.warp.upsampled import DOT, FRAMES, Eye, crops_of
 from study_app.cli import app
 

@@ -11,10 +11,12 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.frame import SourceFrame
-from pipeline.image_file import read_pixels, write_pixels
 from pipeline.methods.registry import METHODS
 from pipeline.named_classes import Choice
-from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
+from pipeline.pictures.colour_file import load_colour, save_colour
+from pipeline.pictures.decode import read_pixels
+from pipeline.pictures.warp_input import WarpInput, save_warp_input
+from pipeline.pictures.write import write_pixels
 from stimuli.warp.one_frame import warp_and_fill
 from stimuli.warp.warp_steps import metameric_steps
 from study_app.cli import app

@@ -10,11 +10,17 @@ from typer.testing import CliRunner
 from pipeline.camera import UPRIGHT, Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
-from pipeline.image_file import write_pixels
+from pipeline.pictures.colour_file import load_colour, save_colour
+from pipeline.pictures.depth_and_flow import read_flo
+from pipeline.pictures.warp_input import (
+    WarpInput,
+    from_depth,
+    from_flow,
+    read_pose,
+    save_warp_input,
+)
+from pipeline.pictures.write import write_pixels
 from pipeline.warp.gpu import warp_frame
-from stimuli.exr import WarpInput, load_colour, save_colour, save_warp_input
-from stimuli.media.plane_file import read_flo
-from stimuli.one_picture import from_depth, from_flow, read_pose
 from stimuli.scenes.stereo import load_pair
 from study_app.cli import app
 

@@ -25,7 +25,7 @@ from pipeline.foveation.pooling import (
     Residual,
     make_pooling,
 )
-from pipeline.image_file import from_integers, read_pixels, three_channels
+from pipeline.pictures.decode import from_integers, read_pixels, three_channels
 
 if TYPE_CHECKING:
     import moderngl

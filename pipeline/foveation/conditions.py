@@ -19,12 +19,12 @@ from pipeline.foveation.panorama import by_charts
 from pipeline.foveation.picture_fixation import (
     Picture,
     PictureFixation,
-    as_floats,
     check_held,
     check_picture,
     check_size,
 )
 from pipeline.named_classes import NamedClass, check_given, defaults_of, find
+from pipeline.pictures.decode import as_floats
 
 if TYPE_CHECKING:
     import moderngl

@@ -18,7 +18,6 @@ from pipeline.foveation.chain import chain_length, chain_of
 from pipeline.foveation.chain_gpu import POWERS
 from pipeline.foveation.geometry import FlatGeometry
 from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, tile_edge
-from pipeline.foveation.picture_fixation import as_floats
 from pipeline.foveation.picture_pass import (
     TILE,
     PoolUniforms,
@@ -51,6 +50,7 @@ from pipeline.noise.tile import (
     square_sum,
     white_steps,
 )
+from pipeline.pictures.decode import as_floats
 
 # Of a level's moments and of powers, packed: the four values of each layer, as pull.comp.glsl has.
 _MOMENT_LAYERS = ((0, 1, 2, 6), (3, 4, 5, 7))

@@ -13,7 +13,6 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry, check_edges, check_gaze
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.pooling import Pooling, Pools
-from pipeline.image_file import from_integers
 
 Picture = NDArray[np.float32]
 
@@ -104,13 +103,6 @@ def check_held(picture: NDArray[Any]) -> Picture | NDArray[np.uint8]:
     if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:
         return array
     return check_picture(array)
-
-
-def as_floats(picture: Picture | NDArray[np.uint8]) -> Picture:
-    """A picture that is checked, in [0, 1]."""
-    if picture.dtype == np.uint8:
-        return from_integers(np.asarray(picture, np.uint8))
-    return np.asarray(picture, np.float32)
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from pipeline.image_file import from_integers, read_pixels, three_channels
 from pipeline.methods.method import composite
+from pipeline.pictures.decode import from_integers, read_pixels, three_channels
 from pipeline.video_file import VideoFrames, is_video
 
 FRAME = "{frame}"

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from pipeline.errors import InputError, note
-from pipeline.image_header import WALKERS, read_statements
-from pipeline.statements.row import Use, rows_of
-from pipeline.statements.rows import COLOUR_SPACES, ROWS
+from pipeline.errors import InputError
+from pipeline.statements.row import rows_of
+from pipeline.statements.rows import ROWS
 from protocols.outside import visible_line
 
 UPRIGHT: Final = "export it anew, upright"
 NO_CURE: Final = "export it anew, as one flat picture for both eyes"
-_LISTED = 6  # names that a message lists
 _VIDEOS: Final = {row.names: row for row in ROWS if row.of.startswith("video")}
 
 
@@ -23,70 +21,6 @@ def refusal(path: Path, name: str, found: str) -> InputError:
     """Return the error of a statement of any format that a row refuses."""
     (row,) = rows_of(ROWS, "any", name)
     return row.error(path, found)
-
-
-def check_statements(
-    path: Path,
-    kind: str,
-    attributes: Mapping[str, Any],
-    use: Sequence[Use],
-    *,
-    handled: Sequence[str] = (),
-    encoded: bool = False,
-) -> None:
-    """Refuse or note what a picture's header says and no reader honours.
-
-    Parameters
-    ----------
-    path : Path
-    kind : str
-        OpenImageIO's name of the format.
-    attributes : mapping
-        What OpenImageIO itself reads; those in rows of ``"any"`` count.
-    use : sequence of Use
-        What the file is read for.
-    handled : sequence of str
-        Statements that the caller deals with.
-    encoded : bool
-        Floats were said to hold encoded colour.
-
-    Raises
-    ------
-    InputError
-        If a statement is refused.
-    """
-    general = {name: attributes[name] for name in attributes if rows_of(ROWS, "any", name)}
-    if "ICCProfile" in general:
-        general["ICCProfile greys"] = general["ICCProfile"]
-    handled = (*handled, *COLOUR_SPACES) if encoded else handled
-    noted: dict[str, None] = {}
-    unknown: dict[str, None] = {}
-    for of, statements in (("any", general), *((kind, s) for s in read_statements(path, kind))):
-        for name, value in statements.items():
-            rows = [row for kind in {of: 0, "any": 0} for row in rows_of(ROWS, kind, name)]
-            if not rows:
-                unknown[name] = None
-            for row in rows:
-                counts = row.words and row.verdict != "honoured" and set(row.use) & set(use)
-                if not counts or name in handled:
-                    continue
-                try:
-                    found = f"its header has {name}" if row.judge is None else row.judge(
-                        value, {**general, **statements}
-                    )  # fmt: skip
-                except Exception:  # of what no program should have written
-                    noted[f"{name} is not understood, and left out"] = None
-                    continue
-                if found is not None:
-                    noted[row.said(path, found)] = None
-    if kind not in WALKERS:
-        noted[f"what files of {kind} say beside their pixels is not looked at"] = None
-    if unknown:
-        listed = ", ".join([*unknown][:_LISTED])
-        more = f" and {len(unknown) - _LISTED} more" if len(unknown) > _LISTED else ""
-        noted[f"not known, and left out: {listed}{more}"] = None
-    for text in noted:
-        note(path, text)
 
 
 class VideoStatement(NamedTuple):

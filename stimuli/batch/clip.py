@@ -28,13 +28,13 @@ from pipeline.frame_textures import FrameTextures
 from pipeline.methods.method import CleanPlate, Method, PlateMethod, TexturePlate
 from pipeline.methods.on_gpu import filled_colour
 from pipeline.methods.registry import create_method
+from pipeline.pictures.colour_file import save_colour
 from protocols.disk.hashing import sha256_bytes
 from protocols.disk.whole_file import write_whole
 from protocols.recipes.warped_clips import ClipName, TrueView
 from stimuli.batch.batch_folder import SURVEY_NAME
 from stimuli.batch.build_plan import BuildPlan
 from stimuli.batch.footage import CameraShot, Footage
-from stimuli.exr import save_colour
 from stimuli.media.png import decode, encode_frame, encode_mask, is_whole
 from stimuli.rendering.paths import make_path
 from stimuli.rendering.scenery import Scenery

@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.gl.context import lent_context
-from pipeline.image_file import write_pixels
+from pipeline.pictures.write import write_pixels
 from protocols.disk.result_folder import whole_folder
 from protocols.disk.whole_file import write_whole
 from protocols.outside import page_bytes

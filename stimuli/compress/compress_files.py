@@ -24,16 +24,16 @@ from pipeline.compression.gpu import DecompressPass
 from pipeline.compression.grid import PolarGrid
 from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.picture_limits import check_need
+from pipeline.pictures import drawing
+from pipeline.pictures.drawing import Picture
+from pipeline.pictures.size_limits import check_need
 from pipeline.video_file import is_video
 from protocols.disk.whole_file import write_whole
-from stimuli import pictures
 from stimuli.compress.rivals import InfeasibleRival, measured, rivals, sheet_of
-from stimuli.media.frames_folder import SILENT, Reporter
+from stimuli.media.frames_folder import SILENT, Reporter, save_steps
 from stimuli.media.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
 from stimuli.media.picture_files import PictureFiles, save_pictures
 from stimuli.media.video import check_video, folder_of_frames, write_video
-from stimuli.pictures import Picture
 
 ENDING = ".metamer"
 
@@ -97,7 +97,7 @@ def compress_file(
             picture, gaze_px, len(data), replace(settings, angles=found.grid.rows_per_turn)
         )
         sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
-        pictures.save_picture(compare, sheet)
+        drawing.save_picture(compare, sheet)
         for missed in (one for one in beside if isinstance(one, InfeasibleRival)):
             tell(f"note: --compare has no {missed.name}: {missed.why}")
         tell(f"wrote {compare}")
@@ -193,7 +193,7 @@ _PICTURE_COLOUR = "#0072B2"
 def write_steps(
     folder: Path, picture: NDArray[np.float32], held: CompressedPicture, *, seed: int = 0
 ) -> list[Path]:
-    """Write the first frame's parts as `pictures.save_steps` does, and return what it returns.
+    """Write the first frame's parts as `save_steps` does, and return what it returns.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def write_steps(
     """
     grids, base = held.map_grids(), held.bases[0]
     steps = [
-        ("picture", "picture", pictures.of_colour(picture)),
+        ("picture", "picture", drawing.of_colour(picture)),
         (
             "cells",
             "colour in polar cells: rows are angles, columns distances from the gaze",
@@ -219,12 +219,12 @@ def write_steps(
         steps.append(("maps", label, np.repeat(atlas[..., None], 3, axis=2)))
     steps += [
         ("density", "density, its integral, and cells", density_picture(held.grid, grids)),
-        ("base", "colour alone", pictures.of_colour(decoded_base(base, held.grid, held.codec))),
-        ("shown", f"with noise, seed {seed}", pictures.of_colour(decompress(held, seed=seed))),
+        ("base", "colour alone", drawing.of_colour(decoded_base(base, held.grid, held.codec))),
+        ("shown", f"with noise, seed {seed}", drawing.of_colour(decompress(held, seed=seed))),
     ]
     height = max(picture.shape[0], 240)
     size = (height, max(picture.shape[1], height))
-    return pictures.save_steps(folder, steps, size, columns=3)
+    return save_steps(folder, steps, size, columns=3)
 
 
 def density_picture(base: PolarGrid, maps: list[PolarGrid]) -> Picture:

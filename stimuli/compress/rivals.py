@@ -15,8 +15,8 @@ from pipeline.compression import compressed_file, image_codecs
 from pipeline.compression.codec import CompressionSettings, compress, decompress
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry, eccentricity_deg, pixel_centres
+from pipeline.pictures import drawing
 from pipeline.quality import psnr_db
-from stimuli import pictures
 from stimuli.score.statistics import statistics_distance
 
 FOVEA_DEG = 2.0
@@ -105,7 +105,7 @@ def _rival(
 
 def plain(picture: NDArray[np.float32], size_bytes: int, codec: str) -> Rival:
     """Code the picture as it is, as well as so many bytes allow."""
-    stored = pictures.of_colour(picture)
+    stored = drawing.of_colour(picture)
 
     def coded(quality: int) -> bytes:
         return image_codecs.encode(stored, codec, quality)
@@ -135,20 +135,20 @@ def sheet_of(
     found: Sequence[Rival | InfeasibleRival],
     measure: Callable[[Rival], RivalQuality],
     columns: int | None = None,
-) -> pictures.Picture:
+) -> drawing.Picture:
     """Lay the picture and its rivals out on one labelled sheet; what there is not is grey."""
-    tiles = [("picture", pictures.of_colour(picture))]
+    tiles = [("picture", drawing.of_colour(picture))]
     for rival in found:
         if isinstance(rival, InfeasibleRival):
             grey = np.full_like(picture, 0.5)
-            tiles.append((f"no {rival.name}: {rival.why}", pictures.of_colour(grey)))
+            tiles.append((f"no {rival.name}: {rival.why}", drawing.of_colour(grey)))
             continue
         numbers = measure(rival)
         tiles.append(
             (
                 f"{rival.name}, {rival.size_bytes / 1000:.1f} kB: statistics distance"
                 f" {numbers.distance:.3f}, fovea {numbers.fovea_psnr_db:.1f} dB",
-                pictures.of_colour(rival.shown),
+                drawing.of_colour(rival.shown),
             )
         )
-    return pictures.sheet(tiles, columns)
+    return drawing.sheet(tiles, columns)

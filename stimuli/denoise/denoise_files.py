@@ -16,7 +16,8 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.pooling import Pools
-from stimuli import pictures
+from pipeline.pictures import drawing
+from pipeline.pictures.colour_file import PictureReading, save_colour
 from stimuli.denoise.path_traced import (
     SCENE_SEED,
     PathTracer,
@@ -24,8 +25,6 @@ from stimuli.denoise.path_traced import (
     SceneView,
     render_pair,
 )
-from stimuli.exr import save_colour
-from stimuli.media.any_picture import PictureReading
 from stimuli.media.frames_folder import SILENT, Reporter
 from stimuli.media.gaze_and_display import StatedViewing, gaze_words, look_at, read_gaze
 from stimuli.media.picture_files import PictureFiles, save_pictures
@@ -160,8 +159,8 @@ def denoise_file(
     finally:
         denoiser.release()
     if compare is not None:
-        tiles = [(label, pictures.of_colour(one)) for label, one in zip(labels, shown, strict=True)]
-        pictures.save_picture(compare, pictures.sheet(tiles, columns=3))
+        tiles = [(label, drawing.of_colour(one)) for label, one in zip(labels, shown, strict=True)]
+        drawing.save_picture(compare, drawing.sheet(tiles, columns=3))
         tell(f"wrote {compare}")
     what = f", seed {seed}" if chosen.facts.kind == "moments" else ""
     tell(f"wrote {out}: {len(written)} x {width} x {height} px{what}")

@@ -15,14 +15,14 @@ from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import SteadyGaze, carried
 from pipeline.named_classes import Choice
+from pipeline.pictures.colour_file import PictureReading, check_drawable
+from pipeline.pictures.depth_and_flow import read_flo
 from protocols.errors import count_of
 from stimuli.foveate.condition_sheet import check_choices
 from stimuli.foveate.foveate_files import METAMER
-from stimuli.media.any_picture import PictureReading, check_drawable
 from stimuli.media.frames_folder import SILENT, Reporter
 from stimuli.media.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
 from stimuli.media.picture_files import PictureFiles, save_pictures
-from stimuli.media.plane_file import read_flo
 from stimuli.media.video import check_video, write_video
 
 Track = Callable[[int, tuple[int, int]], NDArray[np.float64]]

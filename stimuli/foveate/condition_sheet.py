@@ -24,12 +24,13 @@ from pipeline.foveation.conditions import (
 )
 from pipeline.foveation.energy import EnergyMetamer
 from pipeline.foveation.geometry import Geometry, Viewing, pixel_centres
-from pipeline.foveation.picture_fixation import PictureFixation, as_floats, check_held
+from pipeline.foveation.picture_fixation import PictureFixation, check_held
 from pipeline.foveation.pooling import FWHM, Pooling
 from pipeline.named_classes import Choice
+from pipeline.pictures import drawing
+from pipeline.pictures.decode import as_floats
+from pipeline.pictures.drawing import Picture
 from protocols.disk.whole_file import remove
-from stimuli import pictures
-from stimuli.pictures import Picture
 
 ECCENTRICITIES_DEG = (2.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 POOLS_ON_A_RING = 8
@@ -236,19 +237,19 @@ def sheet_of(
     """Lay the picture with its pools, and every condition, out on one labelled sheet."""
     law = pooling or Pooling()
     geometry = viewing.of(colour.shape[1], colour.shape[0])
-    pooled, eccentricities = draw_pools(pictures.of_colour(colour), geometry, gaze_px, law)
+    pooled, eccentricities = draw_pools(drawing.of_colour(colour), geometry, gaze_px, law)
     radius_px = max(4.0, min(colour.shape[:2]) / 80)
     pooled = draw_gaze(pooled, gaze_px, radius_px)
     rings = ", ".join(f"{value:.3g}" for value in eccentricities)
     tiles = [(f"picture; pools at {rings} degrees ({law})", pooled)]
     first_the_picture = sorted(seen, key=lambda one: one.choice.name != "reference")
-    tiles += [(_named(one.choice), pictures.of_colour(one.colour)) for one in first_the_picture]
+    tiles += [(_named(one.choice), drawing.of_colour(one.colour)) for one in first_the_picture]
     longest = max(colour.shape[:2])
     if longest > TILE_PX:
         share = TILE_PX / longest
         size = tuple(max(1, round(share * edge)) for edge in colour.shape[:2])
-        tiles = [(label, pictures.fitted(tile, (size[0], size[1]))) for label, tile in tiles]
-    return pictures.sheet(tiles)
+        tiles = [(label, drawing.fitted(tile, (size[0], size[1]))) for label, tile in tiles]
+    return drawing.sheet(tiles)
 
 
 def _named(choice: Choice) -> str:

@@ -14,14 +14,19 @@ from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.view import around_gaze, scored_view
 from pipeline.gl.context import describe
 from pipeline.named_classes import Choice
+from pipeline.pictures import drawing
+from pipeline.pictures.colour_file import (
+    AnyPicture,
+    PictureReading,
+    check_drawable,
+    read_any,
+    save_colour,
+)
 from protocols.disk.result_folder import whole_folder
-from stimuli import pictures
-from stimuli.exr import save_colour
 from stimuli.foveate import metamer_page as pages
 from stimuli.foveate.condition_sheet import ConditionPicture, check_choices, look_through, sheet_of
 from stimuli.foveate.foveation_steps import write_steps
 from stimuli.media import moving
-from stimuli.media.any_picture import AnyPicture, PictureReading, check_drawable, read_any
 from stimuli.media.frames_folder import SILENT, Reporter
 from stimuli.media.gaze_and_display import (
     AS_ASSUMED,
@@ -191,7 +196,7 @@ def _write(work: _Work, outputs: Outputs) -> list[ConditionPicture]:
     work.reporter.say(f"wrote {outputs.out} ({seen[0].choice.label})")
     if outputs.compare is not None:
         outputs.compare.parent.mkdir(parents=True, exist_ok=True)
-        pictures.save_picture(
+        drawing.save_picture(
             outputs.compare, sheet_of(work.opened.colour, work.gaze_px, viewing, seen)
         )
         work.reporter.say(

@@ -27,9 +27,9 @@ from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.geometry import Viewing
 from pipeline.foveation.pooled_moments import BLOCK_HALVINGS
 from pipeline.foveation.pooling import Pools
-from stimuli import pictures
+from pipeline.pictures import drawing
 from stimuli.foveate.condition_sheet import ConditionPicture, draw_gaze, draw_pools, pooling_of
-from stimuli.pictures import Step
+from stimuli.media.frames_folder import Step, save_steps
 
 
 def write_steps(
@@ -41,7 +41,7 @@ def write_steps(
     *,
     seed: int,
 ) -> list[Path]:
-    """Write every step as `pictures.save_steps` does, and return what it returns."""
+    """Write every step as `save_steps` does, and return what it returns."""
     geometry = viewing.of(colour.shape[1], colour.shape[0])
     steps: list[Step] = []
     for one in seen:
@@ -59,19 +59,19 @@ def write_steps(
             (
                 f"{one.choice.file_name}-change",
                 f"{one.choice.label}: what has changed (white +{largest:.2f})",
-                pictures.of_colour(0.5 + 0.5 * change / largest),
+                drawing.of_colour(0.5 + 0.5 * change / largest),
             )
         )
         steps.append(
-            (f"{one.choice.file_name}-shown", f"{one.choice.label}", pictures.of_colour(one.colour))
+            (f"{one.choice.file_name}-shown", f"{one.choice.label}", drawing.of_colour(one.colour))
         )
-    return pictures.save_steps(folder, steps, (colour.shape[0], colour.shape[1]))
+    return save_steps(folder, steps, (colour.shape[0], colour.shape[1]))
 
 
 def _pool_steps(colour: NDArray[np.float32], pools: Pools) -> Iterator[Step]:
-    yield "picture", "picture", pictures.of_colour(colour)
+    yield "picture", "picture", drawing.of_colour(colour)
     radius_px = max(4.0, min(colour.shape[:2]) / 80)
-    rings, _ = draw_pools(pictures.of_colour(colour), pools.geometry, pools.gaze_px, pools.pooling)
+    rings, _ = draw_pools(drawing.of_colour(colour), pools.geometry, pools.gaze_px, pools.pooling)
     yield (
         "pools",
         f"pools, their width at half maximum ({pools.pooling})",
@@ -81,21 +81,21 @@ def _pool_steps(colour: NDArray[np.float32], pools: Pools) -> Iterator[Step]:
     yield (
         "eccentricity",
         f"eccentricity (white {away.max():.3g} degrees)",
-        pictures.of_magnitude(away, float(away.max())),
+        drawing.of_magnitude(away, float(away.max())),
     )
     sigma = pools.sigma_px()
     yield (
         "pool-width",
         f"deviation of the pools (white {sigma.max():.3g} px)",
-        pictures.of_magnitude(sigma, float(sigma.max())),
+        drawing.of_magnitude(sigma, float(sigma.max())),
     )
     lod = pools.lod()
     yield (
         "lod",
         f"level of detail (white {lod.max():.2f}; a step of grey per whole level)",
-        pictures.of_magnitude(np.floor(lod) / max(1.0, np.floor(lod.max()))),
+        drawing.of_magnitude(np.floor(lod) / max(1.0, np.floor(lod.max()))),
     )
-    yield "fade", "share of the change: black is the fovea", pictures.of_magnitude(pools.fade(), 1)
+    yield "fade", "share of the change: black is the fovea", drawing.of_magnitude(pools.fade(), 1)
 
 
 def condition_steps(
@@ -108,7 +108,7 @@ def condition_steps(
         yield from _displaced_steps(condition, colour, pools, seed)
     elif isinstance(condition, Blur | NoiseEnhanced | ContrastEnhanced):
         base = reference.blurred(colour, pools)
-        yield "base", f"means of all pools ({pools.pooling})", pictures.of_colour(base)
+        yield "base", f"means of all pools ({pools.pooling})", drawing.of_colour(base)
 
 
 def _metamer_steps(
@@ -116,7 +116,7 @@ def _metamer_steps(
 ) -> Iterator[Step]:
     settings = condition.settings
     parts = reference.metamer_parts(colour, pools, settings, seed)
-    yield "base", "what pools keep: their means, and the residual", pictures.of_colour(parts.base)
+    yield "base", "what pools keep: their means, and the residual", drawing.of_colour(parts.base)
     levels = parts.wanted.slopes.shape[2]
     size = (colour.shape[0], colour.shape[1])
     wide = enlarge(
@@ -129,13 +129,13 @@ def _metamer_steps(
             f"level{level}-deviation",
             f"deviations that noise gives to level {level}: high red, along x green, along y blue"
             f" (brightest {largest:.3f})",
-            pictures.of_colour(bands / largest if largest > 0 else bands),
+            drawing.of_colour(bands / largest if largest > 0 else bands),
         )
     largest = max(1 / 255, float(np.percentile(np.abs(parts.noise), 99.5)))
     yield (
         "noise",
         f"noise that is added (white +{largest:.2f})",
-        pictures.of_colour(0.5 + 0.5 * parts.noise / largest),
+        drawing.of_colour(0.5 + 0.5 * parts.noise / largest),
     )
 
 
@@ -148,10 +148,10 @@ def _displaced_steps(
     yield (
         "displacement",
         f"displacement (hue: direction; brightest {longest:.1f} px)",
-        pictures.of_flow(offset, longest),
+        drawing.of_flow(offset, longest),
     )
     moved = displacement.displaced(colour, pools, settings, seed)
-    yield "displaced", "looked up there", pictures.of_colour(moved)
+    yield "displaced", "looked up there", drawing.of_colour(moved)
     if isinstance(condition, WarpedMetamer):
         matched = displacement.matched(moved, colour, pools, settings.levels)
         change = matched - moved
@@ -159,5 +159,5 @@ def _displaced_steps(
         yield (
             "match",
             f"what the match of moments changes (white +{largest:.2f})",
-            pictures.of_colour(0.5 + 0.5 * change / largest),
+            drawing.of_colour(0.5 + 0.5 * change / largest),
         )

@@ -6,14 +6,48 @@ A command fills a folder with all of its frames or none.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.errors import InputError
+from pipeline.pictures.drawing import Picture, fitted, save_picture, sheet
 from protocols.disk.locks import clear_folders, held, remove_files
+from protocols.disk.result_folder import whole_folder
 from protocols.disk.whole_file import PART, move, remove
+
+Step = tuple[str, str, Picture]  # file name without number and ending, label, picture
+
+
+def save_steps(
+    folder: Path, steps: Sequence[Step], size: tuple[int, int], columns: int | None = None
+) -> list[Path]:
+    """Write numbered pictures of every step into `folder`, and ``sheet.png`` of them all.
+
+    Parameters
+    ----------
+    folder : Path
+        New, empty, or with earlier steps, which are replaced; see `whole_folder`.
+    size : tuple of int
+        Height and width of every picture on the sheet: small ones are enlarged, large ones shrunk.
+    columns : int, optional
+        Of the sheet; by default about as many as rows.
+
+    Returns
+    -------
+    list of Path
+        What was written, the sheet last.
+    """
+    names, labelled = [], []
+    with whole_folder(folder, replace=True) as work:
+        for number, (name, label, picture) in enumerate(steps):
+            names.append(f"{number:02d}-{name}.png")
+            save_picture(work / names[-1], picture)
+            labelled.append((f"{number:02d} {label}", fitted(picture, size)))
+        names.append("sheet.png")
+        save_picture(work / names[-1], sheet(labelled, columns))
+    return [folder / name for name in names]
 
 
 @dataclass(frozen=True)
@@ -38,8 +72,6 @@ class Reporter:
 
 
 SILENT = Reporter()
-
-
 READ = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
 _UNREAD = (".heic", ".heif")
 _FRAMES = (".png", ".exr")

@@ -18,10 +18,10 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Equirectangular, Flat, Geometry, Viewing
 from pipeline.named_classes import Choice
+from pipeline.pictures import drawing
+from pipeline.pictures.drawing import Picture
 from protocols.disk.whole_file import write_whole
-from stimuli import pictures
 from stimuli.foveate.condition_sheet import draw_gaze
-from stimuli.pictures import Picture
 
 ENDINGS = (".webp", ".png", ".apng")
 LONGEST_PX = 480
@@ -150,7 +150,7 @@ def _drawn(
     drawn = []
     try:
         for done, (gaze, seed, frame) in enumerate(looks, 1):
-            picture = pictures.of_colour(foveator(shown.colour, gaze, seed=seed, frame=frame))
+            picture = drawing.of_colour(foveator(shown.colour, gaze, seed=seed, frame=frame))
             drawn.append(draw_gaze(picture, gaze, radius_px))
             report(done, len(looks))
     finally:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from stimuli.exr import save_colour
-from stimuli.media.any_picture import AnyPicture, PictureReading, read_any
+from pipeline.pictures.colour_file import AnyPicture, PictureReading, read_any, save_colour
 from stimuli.media.frames_folder import Reporter, frames_folder, frames_in
 
 
@@ -24,7 +23,7 @@ class PictureFiles:
     source : Path
         Any picture that `read_any` reads, or a folder of such.
     command : str
-        One of `pipeline.picture_limits.NEEDS`.
+        One of `pipeline.pictures.size_limits.NEEDS`.
     reading : PictureReading, optional
         What is said about the files.
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.picture_limits import check_values
+from pipeline.pictures.size_limits import check_values
 from protocols.outside import reading
 
 # Run lengths find what repeats in a photograph-like frame (flat sky), and nothing more does: zlib's

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.image_file import FREE_SPACE, read_pixels, three_channels, write_error
+from pipeline.pictures.decode import read_pixels, three_channels
+from pipeline.pictures.write import FREE_SPACE, write_error
 from pipeline.video_file import VideoFrames, is_video, quiet_stderr
 from protocols.disk.locks import clear_files
 from protocols.disk.whole_file import whole_path

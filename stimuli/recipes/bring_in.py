@@ -20,6 +20,10 @@ import moderngl
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import check_condition_name, condition_names
 from pipeline.methods.registry import check_method_name, method_names
+from pipeline.pictures.colour_file import Transfer, read_any, stored_transfer
+from pipeline.pictures.decode import read_parts
+from pipeline.pictures.header import display_size
+from pipeline.pictures.stored_frames import sequence_files
 from protocols.display import Display
 from protocols.gone import gone
 from protocols.recipes.warped_clips import ExrScene
@@ -32,9 +36,6 @@ from protocols.study_file.own_stimuli import (
     quoted,
     unused_name,
 )
-from stimuli.exr import Transfer, stored_transfer
-from stimuli.media.any_picture import read_any
-from stimuli.media.exr_parts import display_size, frame_files, read_parts
 from stimuli.rendering.scene_views import ScenePreview, look_around
 from stimuli.scenes.builtin_scenes import scene_names
 from stimuli.scenes.mesh_file import load_world
@@ -255,7 +256,7 @@ def bring_frames(
         If there is no file, a number is missing in between, or the first or last frame lacks
         colour, depth or motion.
     """
-    files = frame_files(pattern, Path())
+    files = sequence_files(pattern, Path())
     name = unused_name(Path(re.sub("#+", "", pattern)).stem, taken)
     several = len(files) > 1
     said = stored_transfer(files[0], read_parts(files[0], encoded=True).attributes)

@@ -7,6 +7,13 @@ from functools import cached_property
 from pathlib import Path
 
 from pipeline.errors import InputError
+from pipeline.pictures.stored_frames import (
+    StimulusHeader,
+    file_sha256,
+    read_frames,
+    stated,
+    wrong_size,
+)
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.manifest import Clip, cache_key
@@ -15,7 +22,6 @@ from protocols.study_file.schema import StudyProtocol
 from stimuli.batch.estimate import free_bytes
 from stimuli.batch.sources import source_sha256
 from stimuli.media.png import encode_bytes
-from stimuli.read_stimulus import StimulusHeader, file_sha256, read_frames, stated, wrong_size
 from stimuli.recipes.base import BuildEstimate
 from stimuli.recipes.single_stimuli import RESERVED, SingleStimulusBuilder
 from stimuli.worker import RendererInfo
@@ -23,7 +29,7 @@ from stimuli.worker import RendererInfo
 NO_RENDERER = RendererInfo("", "none: files made elsewhere", "")
 _TOLD = 3
 """Number of files with a wrong header that are named one by one."""
-_SOURCES = ("stimuli.read_stimulus", "stimuli.media.png")
+_SOURCES = ("pipeline.pictures.stored_frames", "stimuli.media.png")
 
 
 class FileBuilder(SingleStimulusBuilder[FileEntry]):

@@ -21,7 +21,8 @@ from pipeline.errors import InputError, MissingExtraError
 from pipeline.foveation.conditions import check_condition_name, check_live, create_condition
 from pipeline.foveation.drawn import ring_pixels
 from pipeline.foveation.geometry import FlatGeometry
-from pipeline.image_file import stated_size_px
+from pipeline.pictures.header import stated_size_px
+from pipeline.pictures.stored_frames import file_sha256
 from protocols.disk.hashing import Json
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
@@ -37,7 +38,6 @@ from protocols.study_file.schema import StudyProtocol
 from stimuli.batch.estimate import free_bytes
 from stimuli.batch.executors import dask_cluster, local_processes
 from stimuli.batch.sources import source_sha256
-from stimuli.read_stimulus import file_sha256
 from stimuli.recipes.base import BuildEstimate, BuildMachine
 from stimuli.recipes.foveated_work import (
     STILLS,

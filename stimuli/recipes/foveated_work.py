@@ -26,6 +26,7 @@ from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.foveation.picture_fixation import PictureFixation
 from pipeline.foveation.view import flat_view
 from pipeline.gl.context import release_context
+from pipeline.pictures.colour_file import read_any
 from protocols.disk.whole_file import remove
 from protocols.recipes.foveated_images import (
     BUILTIN,
@@ -36,7 +37,6 @@ from protocols.recipes.foveated_images import (
     ScenePicture,
     ShownMethod,
 )
-from stimuli.media.any_picture import read_any
 from stimuli.media.gaze_and_display import read_gaze
 from stimuli.media.png import encode_frame
 from stimuli.scenes.builtin_pictures import builtin_picture

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.errors import InputError
-from pipeline.image_file import stated_size_px
 from pipeline.methods.frames import FRAME, FramesOnDisk
 from pipeline.methods.onnx import OnnxNetwork
 from pipeline.methods.registry import create_method
+from pipeline.pictures.header import stated_size_px
+from pipeline.pictures.stored_frames import sequence_files
 from protocols.errors import Problem
 from protocols.recipes.warped_clips import ClipName, ExrScene, MeshScene, StereoScene
 from stimuli.batch.build_plan import BuildPlan
-from stimuli.media.exr_parts import frame_files
 from stimuli.rendering.open_scene import open_world
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.photo import is_built_in, read_pair
@@ -143,7 +143,7 @@ def _pair(found: SceneFindings, place: str, plan: BuildPlan, scene: StereoScene)
 
 
 def _sequence(found: SceneFindings, place: str, plan: BuildPlan, scene: ExrScene) -> None:
-    files = frame_files(scene.file, plan.folder)
+    files = sequence_files(scene.file, plan.folder)
     wanted = plan.protocol.warped.clips.frames
     if len(files) < wanted:
         found.wrong.append(

@@ -123,11 +123,11 @@ def scene_files(scene: Scene, folder: Path) -> dict[str, Path]:
     elif isinstance(scene, RgbdScene):
         names = [scene.rgb, scene.depth]
     elif isinstance(scene, ExrScene):
-        from stimuli.media.exr_parts import frame_files
+        from pipeline.pictures.stored_frames import sequence_files
 
         return {
             Path(os.path.relpath(path, folder)).as_posix(): path
-            for path in frame_files(scene.file, folder)
+            for path in sequence_files(scene.file, folder)
         }
     found = {name: folder / name for name in names}
     for path in found.values():

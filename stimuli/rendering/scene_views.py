@@ -12,8 +12,8 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
+from pipeline.pictures import drawing
 from protocols.recipes.warped_clips import CameraView
-from stimuli import pictures
 from stimuli.rendering.open_scene import vector_text, view_line, viewpoint_of
 from stimuli.rendering.render import WorldRenderer
 from stimuli.rendering.view_page import LookServer
@@ -141,12 +141,12 @@ def look_around(
             frame = renderer.render(view.camera(*TILE_PX))
             seen = np.isfinite(frame.depth_m)
             near = float(np.percentile(frame.depth_m[seen], 5)) if seen.any() else float("inf")
-            tiles.append((f"{number}: near {near:.3g} m", pictures.of_colour(frame.colour)))
+            tiles.append((f"{number}: near {near:.3g} m", drawing.of_colour(frame.colour)))
             lines.append(f"{number}: {view_line(view)}")
     finally:
         renderer.release()
     out.parent.mkdir(parents=True, exist_ok=True)
-    pictures.save_picture(out, pictures.sheet(tiles))
+    drawing.save_picture(out, drawing.sheet(tiles))
     return lines + light
 
 

@@ -22,8 +22,8 @@ from urllib.parse import parse_qs, urlsplit
 import cv2
 import numpy as np
 
+from pipeline.pictures.drawing import of_colour
 from protocols.html_page import html_page
-from stimuli.pictures import of_colour
 from stimuli.rendering.open_scene import view_line
 from stimuli.rendering.render import WorldRenderer
 from stimuli.rendering.world import Viewpoint

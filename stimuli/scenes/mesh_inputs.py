@@ -20,7 +20,7 @@ from urllib.parse import unquote, unquote_to_bytes
 from PIL import Image
 
 from pipeline.errors import InputError
-from pipeline.picture_limits import check_memory, check_vertices
+from pipeline.pictures.size_limits import check_memory, check_vertices
 from protocols.errors import did_you_mean
 from protocols.gone import gone
 from protocols.limits import check_within

@@ -13,7 +13,7 @@ from PIL import Image
 from scipy import ndimage
 
 from pipeline.errors import InputError
-from pipeline.picture_limits import check_values
+from pipeline.pictures.size_limits import check_values
 from stimuli.rendering.world import Material
 from stimuli.scenes.mesh_features import Notes
 

@@ -17,21 +17,17 @@ from scipy import ndimage
 
 from pipeline.camera import UPRIGHT, Camera
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, WarpedFrame, check_depth, check_file_size
+from pipeline.frame import SourceFrame, WarpedFrame, check_file_size
+from pipeline.pictures.colour_file import load_colour
+from pipeline.pictures.depth_and_flow import (
+    centred,
+    load_depth,
+)
 from pipeline.warp.speckle import mends, taken
 from protocols.recipes.warped_clips import RgbdScene, StereoPath, StereoScene
-from stimuli.exr import load_colour
-from stimuli.media.plane_file import DepthIs, Unknown, along_axis, read_depth
 from stimuli.rendering.paths import STILL, Pose
 from stimuli.rendering.scenery import Scenery, near_depth_m
-from stimuli.scenes.stereo import (
-    ASSUMED_FIELD_OF_VIEW,
-    BUILT_IN,
-    StereoPair,
-    built_in_pair,
-    fill_unknown,
-    load_pair,
-)
+from stimuli.scenes.stereo import BUILT_IN, StereoPair, built_in_pair, load_pair
 
 
 @dataclass(frozen=True)
@@ -201,62 +197,6 @@ def open_rgbd(scene: RgbdScene, folder: Path) -> PhotoScenery:
     return PhotoScenery(
         scene.name, frame, scene.focal_px, rim_px=scene.rim_px, depth_speckle=scene.depth_speckle
     )
-
-
-def load_depth(
-    path: Path,
-    scale: float,
-    *,
-    is_a: DepthIs = "distance",
-    unknown: Unknown = None,
-    intrinsics_px: tuple[float, float, float, float] | None = None,
-) -> NDArray[np.float32]:
-    """Read depth in metres along the optical axis, shape (H, W).
-
-    `stimuli.media.plane_file` says which numbers stand for "unknown": such a pixel takes the depth
-    of the farther neighbour in the row.
-
-    Parameters
-    ----------
-    path : Path
-        What `stimuli.media.plane_file.read_depth` reads.
-    scale : float
-        Metres per unit; for ``"inverse"``, what 1 stands for.
-    is_a : {"distance", "inverse", "ray"}
-        Distance along the axis, 1 / distance, or distance along the pixel's ray.
-    unknown : sequence of float, optional
-        Further stored numbers that stand for "unknown"; empty, if there are none.
-    intrinsics_px : (fx, fy, cx, cy), optional
-        Of the camera, for rays; by default the middle of a field of view of 53 degrees.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such file.
-    InputError
-        If it holds other than one number a pixel, or a depth is not positive.
-    """
-    if not scale > 0:
-        raise InputError(f"metres per unit of depth must be greater than 0 (got {scale})")
-    stored = read_depth(path, scale, is_a=is_a, unknown=unknown)
-    if np.isnan(stored).any():
-        with np.errstate(divide="ignore", over="ignore"):
-            inverse = (1 / stored).astype(np.float32)
-            depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
-    else:
-        with np.errstate(over="ignore", under="ignore"):
-            depth = stored.astype(np.float32)
-    check_depth(depth, f"{path}: depth")
-    if is_a == "ray":
-        height, width = depth.shape
-        focal_px = ASSUMED_FIELD_OF_VIEW * width
-        depth = along_axis(depth, intrinsics_px or centred(focal_px, width, height))
-    return depth
-
-
-def centred(focal_px: float, width: int, height: int) -> tuple[float, float, float, float]:
-    """Intrinsics (fx, fy, cx, cy) of a camera that looks at the middle of its picture."""
-    return focal_px, focal_px, (width - 1) / 2, (height - 1) / 2
 
 
 def _resized(

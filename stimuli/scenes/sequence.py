@@ -1,6 +1,6 @@
 """OpenEXR pictures and sequences with depth and motion, and where a pixel is some frames later.
 
-`media.channels` names the channels.
+`pipeline.pictures.channels` names the channels.
 """
 
 from __future__ import annotations
@@ -16,10 +16,7 @@ from pipeline.camera import UPRIGHT, Camera
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import NO_DEPTH, SourceFrame, WarpedFrame, check_depth, check_flow
-from pipeline.warp.speckle import mends, taken
-from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
-from stimuli.exr import Transfer, check_depth_unit, check_finite, stored_transfer
-from stimuli.media.channels import (
+from pipeline.pictures.channels import (
     Layer,
     Motion,
     Planes,
@@ -29,11 +26,15 @@ from stimuli.media.channels import (
     need,
     need_motion,
 )
-from stimuli.media.exr_parts import frame_files, read_parts
-from stimuli.media.plane_file import along_axis
+from pipeline.pictures.colour_file import Transfer, check_finite, stored_transfer
+from pipeline.pictures.decode import read_parts
+from pipeline.pictures.depth_and_flow import along_axis, centred, check_depth_unit
+from pipeline.pictures.stored_frames import sequence_files
+from pipeline.warp.speckle import mends, taken
+from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
 from stimuli.rendering.paths import Pose
 from stimuli.rendering.scenery import Scenery, near_depth_m
-from stimuli.scenes.photo import PhotoScenery, centred
+from stimuli.scenes.photo import PhotoScenery
 
 DEPTH_TOLERANCE = 0.1
 """Largest difference of a surface from frame to frame, as a share of its nearness."""
@@ -259,7 +260,7 @@ def open_sequence(scene: ExrScene, folder: Path) -> PhotoScenery | SequenceScene
     """
     if isinstance(scene.camera, StereoPath):
         raise InputError(f"{scene.name}: the stereo path needs a stereo pair")
-    files = frame_files(scene.file, folder)
+    files = sequence_files(scene.file, folder)
     if isinstance(scene.camera, UpsamplingPath):
         return SequenceScenery(scene, files)
     picture = load_picture(files[len(files) // 2], scene)

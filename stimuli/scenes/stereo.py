@@ -16,22 +16,24 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, check_colour, check_file_size, check_same_size
+from pipeline.pictures.colour_file import load_colour
+from pipeline.pictures.depth_and_flow import (
+    ASSUMED_FIELD_OF_VIEW,
+    Unknown,
+    fill_unknown,
+    read_disparity,
+)
+from pipeline.pictures.warp_input import WarpInput
 from pipeline.warp.settings import WarpSettings
 from protocols.recipes.warped_clips import PHOTOGRAPH_RIM_PX
-from stimuli.exr import WarpInput, load_colour
-from stimuli.media.plane_file import Unknown, read_disparity
 
 BUILT_IN: Final = ("motorcycle",)
-
 PAIR_WARP: Final = WarpSettings(rim_px=PHOTOGRAPH_RIM_PX, depth_speckle=True)
 """Warp of a pair where nothing else is asked for."""
-
 # Middlebury 2014 "Motorcycle" at the size that scikit-image ships.
 _MOTORCYCLE_FOCAL_PX = 994.978
 _MOTORCYCLE_BASELINE_M = 0.193001
 _MOTORCYCLE_OFFSET_PX = 31.086
-
-ASSUMED_FIELD_OF_VIEW = 1.0  # focal length over image width, where a pair does not say
 ASSUMED_BASELINE_M = 0.1
 
 
@@ -153,8 +155,8 @@ def load_pair(
         Colour images.
     disparity : Path
         An image of one channel (PNG, PGM, PFM, OpenEXR) or a numpy file (``.npy``, or
-        ``.npz`` with one array). `stimuli.media.plane_file` says which numbers stand for "unknown";
-        these pixels are set as `fill_unknown` says.
+        ``.npz`` with one array). `pipeline.pictures.depth_and_flow` says which numbers stand for
+        "unknown"; these pixels are set as `fill_unknown` says.
     units_per_px : float
         What the file stores for a disparity of one pixel: 4 where it holds quarters of a
         pixel, 1 for pixels.
@@ -210,52 +212,6 @@ def too_wide(disparity_px: NDArray[np.float32]) -> str | None:
         f" {disparity_px[row, column]:g} px at row {row}, column {column}, and"
         f" {int(wide.sum()) - 1} more such pixels)"
     )
-
-
-def fill_unknown(
-    disparity_px: NDArray[np.float32],
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Set each unknown disparity to that of the farther of its known neighbours in the row.
-
-    Unknown pixels are mostly those that only one camera sees: they belong to the background.
-
-    Parameters
-    ----------
-    disparity_px : ndarray of float32, shape (H, W)
-        NaN or infinite where unknown.
-
-    Returns
-    -------
-    filled : ndarray of float32, shape (H, W)
-        Finite. A row without any known pixel takes the nearest row that has one.
-    known : ndarray of bool, shape (H, W)
-
-    Raises
-    ------
-    InputError
-        If no pixel is known.
-    """
-    known = np.isfinite(disparity_px)
-    if not known.any():
-        raise InputError("at least one pixel must be known (none is finite)")
-    rows_known = np.flatnonzero(known.any(axis=1))
-    nearest = rows_known[
-        np.abs(np.arange(len(known))[:, None] - rows_known[None, :]).argmin(axis=1)
-    ]
-    # Far means small: the smaller of the two neighbours, one of which may be missing.
-    finite = np.where(known, disparity_px, np.inf)
-    left = _carry(finite, known)
-    right = _carry(finite[:, ::-1], known[:, ::-1])[:, ::-1]
-    filled = np.where(known, disparity_px, np.minimum(left, right))[nearest]
-    return filled.astype(np.float32), known
-
-
-def _carry(values: NDArray[np.floating], known: NDArray[np.bool_]) -> NDArray[np.floating]:
-    """Each pixel's last known value to the left, inf where there is none."""
-    column = np.where(known, np.arange(values.shape[1]), -1)
-    last = np.maximum.accumulate(column, axis=1)
-    carried = np.take_along_axis(values, last.clip(min=0), axis=1)
-    return np.where(last >= 0, carried, np.inf)
 
 
 def _from_bytes(image: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.foveation.view import SCORED_DEG, around_gaze, scored_view
-from pipeline.image_file import write_pixels
+from pipeline.pictures.write import write_pixels
 from protocols.errors import StudyError
 from protocols.manifest import Clip, Manifest
 from stimuli.score.available import MissingMetrics

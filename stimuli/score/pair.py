@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.image_file import check_fits
-from stimuli.exr import load_colour
+from pipeline.pictures.colour_file import load_colour
+from pipeline.pictures.header import check_fits
 from stimuli.media.png import decode
 from stimuli.score.metrics import HOLES
 

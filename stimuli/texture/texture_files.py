@@ -15,12 +15,13 @@ from pipeline.errors import InputError
 from pipeline.foveation.catalogue import Metamer
 from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.pooling import MetamerSettings
-from pipeline.image_file import check_fits, read_pixels, three_channels
+from pipeline.pictures import drawing
+from pipeline.pictures.decode import read_pixels, three_channels
+from pipeline.pictures.header import check_fits
 from pipeline.textures.bake import MOMENT_BYTES, BakedTexture, Layout, bake, strips
 from pipeline.textures.baked_file import read_baked, write_baked
 from pipeline.textures.footprints import COLOUR_BYTES, saved, touched
 from protocols.disk.whole_file import whole_file
-from stimuli import pictures
 from stimuli.foveate.condition_sheet import draw_gaze
 from stimuli.media.frames_folder import SILENT, Reporter
 from stimuli.media.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
@@ -181,19 +182,19 @@ def show_scene(
         for condition in GLOBE_CONDITIONS:
             shown = renderer.picture(scene, condition, gaze_px, turn_deg=turn_deg)
             tiles.append(
-                (_WORDS[condition], draw_gaze(pictures.of_colour(shown), gaze_px, size_px / 90))
+                (_WORDS[condition], draw_gaze(drawing.of_colour(shown), gaze_px, size_px / 90))
             )
         share = saved_share(renderer, layout, scene, gaze_px, turn_deg=turn_deg)
         if asked.animate is not None:
             frames = [
-                pictures.of_colour(renderer.picture(scene, "metamer", gaze_px, turn_deg=turn))
+                drawing.of_colour(renderer.picture(scene, "metamer", gaze_px, turn_deg=turn))
                 for turn in turn_deg + TURN_STEP_DEG * np.arange(TURN_FRAMES)
             ]
             save_moving(asked.animate, frames, TURN_FRAME_MS)
             tell(f"wrote {asked.animate}")
     finally:
         renderer.release()
-    pictures.save_picture(out, pictures.sheet(tiles, len(tiles)))
+    drawing.save_picture(out, drawing.sheet(tiles, len(tiles)))
     tell(
         f"texture read: {100 * share:.0f} % fewer bytes than unfoveated (distinct texels,"
         f" {COLOUR_BYTES} bytes of colour, {MOMENT_BYTES} of moments a level)"

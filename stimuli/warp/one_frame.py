@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from pipeline.frame import WarpedFrame
 from pipeline.methods.registry import fill
 from pipeline.named_classes import Choice
+from pipeline.pictures import drawing
+from pipeline.pictures.warp_input import WarpInput
 from pipeline.quality import SSIM_LEAST_PX, Quality, TrueView, evaluate, interior
 from pipeline.synthesis.settings import check_seed
 from pipeline.warp.gpu import warp_frame
 from pipeline.warp.settings import WarpSettings
-from stimuli import pictures
-from stimuli.exr import WarpInput
 
 
 @dataclass(frozen=True)
@@ -96,15 +96,15 @@ def _measure(
 
 def comparison(
     warped: WarpedFrame, fills: Sequence[FillResult], truth: NDArray[np.float32] | None = None
-) -> pictures.Picture:
+) -> drawing.Picture:
     """Labelled sheet of 8-bit pictures: the holes, the truth if known, each fill, its quality."""
-    tiles = [("warped, holes marked", pictures.of_holes(warped.colour, warped.hole))]
+    tiles = [("warped, holes marked", drawing.of_holes(warped.colour, warped.hole))]
     if truth is not None:
-        tiles.append(("truth", pictures.of_colour(truth)))
+        tiles.append(("truth", drawing.of_colour(truth)))
     tiles += [
-        (one.choice.label + quality_words(one), pictures.of_colour(one.colour)) for one in fills
+        (one.choice.label + quality_words(one), drawing.of_colour(one.colour)) for one in fills
     ]
-    return pictures.sheet(tiles)
+    return drawing.sheet(tiles)
 
 
 def quality_words(fill: FillResult) -> str:

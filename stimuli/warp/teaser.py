@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from pipeline.errors import InputError
+from pipeline.pictures.drawing import Crop, Picture, auto_crops, difference
 from protocols.errors import must_be_one_of
 from protocols.manifest import Clip, Manifest
 from protocols.recipes.base import SCENE
 from stimuli.media.png import decode
-from stimuli.pictures import Crop, Picture, auto_crops, difference
 from stimuli.score.plots import COLOURS, figure_style
 
 METHOD: Final = "method"

@@ -16,9 +16,9 @@ from PIL import Image, ImageDraw
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry, share_around
 from pipeline.frame import WarpedFrame
-from stimuli import pictures
+from pipeline.pictures import drawing
+from pipeline.pictures.drawing import Crop, auto_crops, difference
 from stimuli.batch.clip import with_true_view
-from stimuli.pictures import Crop, auto_crops, difference
 from stimuli.warp.one_frame import FillResult, quality_words
 
 CROPS = 3
@@ -87,7 +87,7 @@ def upsampled(
 
 def upsampled_sheet(
     warped: WarpedFrame, fills: Sequence[FillResult], truth: NDArray[np.float32], eye: Eye
-) -> pictures.Picture:
+) -> drawing.Picture:
     """Lay out what a foveated display shows by each method, beside the true view.
 
     Beside each picture stand, enlarged, its fovea and the parts of its periphery where fills differ
@@ -98,10 +98,10 @@ def upsampled_sheet(
     fills : sequence of FillResult
         As `upsampled` returns them.
     """
-    shown = [pictures.of_colour(truth), *(pictures.of_colour(one.colour) for one in fills)]
+    shown = [drawing.of_colour(truth), *(drawing.of_colour(one.colour) for one in fills)]
     crops = crops_of(shown, periphery(eye), eye.gaze_px)
     share = eye.share()
-    holes = pictures.of_holes(warped.colour, warped.hole & (share[..., 0] < 1))
+    holes = drawing.of_holes(warped.colour, warped.hole & (share[..., 0] < 1))
     setup = np.where(share == 1, shown[0], holes).astype(np.uint8)
     labels = [
         f"true view within {eye.within_deg:g} degrees; around it warped, holes marked",
@@ -109,11 +109,11 @@ def upsampled_sheet(
         *(one.choice.label + quality_words(one) for one in fills),
     ]
     tiles = [_tile(one, crops, eye.gaze_px) for one in [setup, *shown]]
-    return pictures.sheet(list(zip(labels, tiles, strict=True)), columns=2)
+    return drawing.sheet(list(zip(labels, tiles, strict=True)), columns=2)
 
 
 def crops_of(
-    shown: Sequence[pictures.Picture], away: NDArray[np.bool_], gaze_px: tuple[float, float]
+    shown: Sequence[drawing.Picture], away: NDArray[np.bool_], gaze_px: tuple[float, float]
 ) -> list[Crop]:
     """Crops to show: the gaze, then where pictures differ most among what is `away` from it."""
     found = auto_crops(difference(shown) * away, CROPS - 1)
@@ -127,8 +127,8 @@ def crops_of(
 
 
 def _tile(
-    picture: pictures.Picture, crops: Sequence[Crop], gaze_px: tuple[float, float]
-) -> pictures.Picture:
+    picture: drawing.Picture, crops: Sequence[Crop], gaze_px: tuple[float, float]
+) -> drawing.Picture:
     """The picture with dot and frames; on its right the crops, enlarged, below one another."""
     height, width = picture.shape[:2]
     high = (height - GAP_PX * (CROPS - 1)) // CROPS

@@ -18,12 +18,13 @@ from pipeline.features.reference import BANDS, analyse, spoiled_levels
 from pipeline.frame import WarpedFrame
 from pipeline.inpaint.reference import nearest_depth_m
 from pipeline.noise.tile import look_up, noise_bands
+from pipeline.pictures import drawing
+from pipeline.pictures.drawing import Picture
+from pipeline.pictures.warp_input import WarpInput
 from pipeline.statistics.moments import luma_moments
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
-from stimuli import pictures
-from stimuli.exr import WarpInput
-from stimuli.pictures import Picture, Step
+from stimuli.media.frames_folder import Step, save_steps
 from stimuli.warp.one_frame import FillResult
 
 METAMERIC = "metameric"
@@ -37,7 +38,7 @@ def write_steps(
     *,
     seed: int,
 ) -> list[Path]:
-    """Write every step as `pictures.save_steps` does, and return what it returns.
+    """Write every step as `save_steps` does, and return what it returns.
 
     A metameric fill among `fills` adds the steps inside it: base, bands, moments, noise.
     """
@@ -48,36 +49,36 @@ def write_steps(
     for filled in fills:
         name = "".join(c if c.isalnum() or c in "-." else "_" for c in filled.choice.label)
         label = f"filled: {filled.choice.label}"
-        steps.append((f"filled-{name}", label, pictures.of_colour(filled.colour)))
-    return pictures.save_steps(folder, steps, warped.size)
+        steps.append((f"filled-{name}", label, drawing.of_colour(filled.colour)))
+    return save_steps(folder, steps, warped.size)
 
 
 def _warp_steps(frame: WarpInput, warped: WarpedFrame) -> Iterator[Step]:
     near_m = min(nearest_depth_m(depth) for depth in (frame.source.depth_m, warped.depth_m))
     longest_px = float(np.linalg.norm(frame.flow_px, axis=-1).max())
-    yield "source", "source", pictures.of_colour(frame.source.colour)
+    yield "source", "source", drawing.of_colour(frame.source.colour)
     yield (
         "source-depth",
         f"source depth (white {near_m:.3g} m, black infinite)",
-        pictures.of_depth(frame.source.depth_m, near_m),
+        drawing.of_depth(frame.source.depth_m, near_m),
     )
     yield (
         "source-flow",
         f"flow (hue: direction; brightest {longest_px:.1f} px)",
-        pictures.of_flow(frame.flow_px, longest_px),
+        drawing.of_flow(frame.flow_px, longest_px),
     )
-    holes = pictures.of_holes(warped.colour, warped.hole)
+    holes = drawing.of_holes(warped.colour, warped.hole)
     yield "warped", f"warped, holes {100 * warped.hole.mean():.1f} %", holes
-    yield "hole", "hole mask", pictures.of_mask(warped.hole)
+    yield "hole", "hole mask", drawing.of_mask(warped.hole)
     yield (
         "warped-depth",
         "warped depth, background in holes",
-        pictures.of_depth(warped.depth_m, near_m),
+        drawing.of_depth(warped.depth_m, near_m),
     )
     yield (
         "warped-flow",
         "warped motion, background's in holes",
-        pictures.of_flow(warped.flow_px, longest_px),
+        drawing.of_flow(warped.flow_px, longest_px),
     )
 
 
@@ -90,7 +91,7 @@ def metameric_steps(
     z_near_m = float(parameters.get("z_near_m") or nearest_depth_m(warped.depth_m))
     fill = metameric_fill(warped, settings, seed=seed, z_near_m=z_near_m)
     cross = settings.channels == "correlated"
-    yield "base", "base: depth-guided colour", pictures.of_colour(fill.base)
+    yield "base", "base: depth-guided colour", drawing.of_colour(fill.base)
     bands = analyse(ycbcr_from_rgb(fill.base), settings.levels).bands
     spoiled = spoiled_levels(warped.hole, settings.levels)
     noise = noise_bands(seed, settings.levels, 1 if cross else 3)
@@ -99,7 +100,7 @@ def metameric_steps(
         largest = float(np.percentile(np.abs(luma), 99.5))
         across = f"level {level}: {', '.join(BANDS)}"
         yield f"level{level}-bands", f"bands, {across}", _three(luma, largest, signed=True)
-        mask = pictures.of_mask(~spoiled[level])
+        mask = drawing.of_mask(~spoiled[level])
         yield f"level{level}-valid", f"coefficients free of holes, level {level}", mask
         mean, variance = luma_moments(fill.statistics[level].values)
         deviation = np.sqrt(variance)
@@ -123,13 +124,13 @@ def metameric_steps(
     yield (
         "noise",
         f"noise added (white +{contrast:.2f})",
-        pictures.of_colour(0.5 + 0.5 * added / contrast if contrast > 0 else added + 0.5),
+        drawing.of_colour(0.5 + 0.5 * added / contrast if contrast > 0 else added + 0.5),
     )
 
 
 def _three(values: NDArray[np.float64], largest: float, *, signed: bool = False) -> Picture:
     """The three bands of (H, W, 3) on one scale: two above, one below."""
-    draw = pictures.of_signed if signed else pictures.of_magnitude
+    draw = drawing.of_signed if signed else drawing.of_magnitude
     first, second, third = (draw(values[..., band], largest) for band in range(3))
     above = np.concatenate([first, second], axis=1)
     below = np.concatenate([third, np.zeros_like(third)], axis=1)

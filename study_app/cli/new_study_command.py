@@ -276,7 +276,7 @@ def _each_once(option: str, names: Sequence[str]) -> None:
 
 def _pattern(given: list[str]) -> str:
     """Return a sequence as one name, its number as ``####``; a shell may have written it out."""
-    from stimuli.media.exr_parts import frame_files
+    from pipeline.pictures.stored_frames import sequence_files
 
     files = [file for name in given for file in _found(name)]
     for folder in filter(Path.is_dir, map(Path, files)):
@@ -296,7 +296,7 @@ def _pattern(given: list[str]) -> str:
             f" {' and '.join(sorted(names)[:2])}); give --exr once for each"
         )
     pattern = min(names, key=len)
-    known = {str(file) for file in frame_files(pattern, Path())}
+    known = {str(file) for file in sequence_files(pattern, Path())}
     if left := sorted(known - {str(Path(file)) for file in files}):
         raise StudyError(
             f"--exr: must name every frame of {pattern} (got {len(files)}, and not {left[0]}); name"

@@ -235,8 +235,8 @@ def panorama(
         metamerlab stimuli panorama place.glb --out place-360.png --height-px 1024
     """
     from pipeline.gl.context import lent_context
+    from pipeline.pictures.drawing import of_colour, save_picture
     from protocols.load import parse_view
-    from stimuli.pictures import of_colour, save_picture
     from stimuli.rendering.open_scene import viewpoint_of
     from stimuli.rendering.render_panorama import panorama_of
     from stimuli.rendering.scene_views import ScenePreview

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from pipeline.image_file import read_pixels
+from pipeline.pictures.decode import read_pixels
 from stimuli.batch.build import build
 from stimuli.media.png import decode
 from stimuli.media.video import write_video

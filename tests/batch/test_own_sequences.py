@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
-from pipeline.image_file import write_pixels
+from pipeline.pictures.write import write_pixels
 from protocols.load import shipped
 from protocols.manifest import read_manifest
 from protocols.recipes.warped_clips import BuiltinScene, Clips

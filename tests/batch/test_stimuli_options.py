@@ -9,10 +9,10 @@ import forked
 import numpy as np
 import pytest
 
+from pipeline.pictures.colour_file import load_colour
 from protocols.manifest import read_manifest
 from stimuli.batch.build import build
 from stimuli.batch.check import check_batch
-from stimuli.exr import load_colour
 from stimuli.media.png import decode
 
 

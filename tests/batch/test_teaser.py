@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from stimuli.pictures import Crop, auto_crops, difference
+from pipeline.pictures.drawing import Crop, auto_crops, difference
 from stimuli.score.plots import png_bytes, vector_bytes
 from stimuli.warp.teaser import WIDTHS_IN, FigureRow, teaser
 

@@ -31,11 +31,11 @@ from video_patch import (
 
 from pipeline.errors import InputError
 from pipeline.methods.frames import FramesOnDisk
+from pipeline.pictures.stored_frames import read_frames, stated
 from pipeline.statements.rows import ROWS as TABLE
 from pipeline.video_file import VideoFrames
 from pipeline.video_header.coding import of_pixel_format, of_stream
 from stimuli.media.video import unpacked_video
-from stimuli.read_stimulus import read_frames, stated
 
 FRAMES = [picture(number) for number in range(6)]
 CODECS = {".mp4": "mp4v", ".mov": "MJPG", ".mkv": "FFV1", ".avi": "FFV1", ".webm": "VP80"}

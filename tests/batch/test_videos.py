@@ -13,11 +13,11 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.errors import InputError
-from stimuli.exr import save_colour
+from pipeline.pictures.colour_file import save_colour
+from pipeline.pictures.drawing import save_picture
+from pipeline.pictures.stored_frames import read_picture
 from stimuli.media.frames_folder import frames_folder
 from stimuli.media.video import unpacked_video, write_video
-from stimuli.pictures import save_picture
-from stimuli.read_stimulus import read_picture
 from study_app.cli import app
 
 

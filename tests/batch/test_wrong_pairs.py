@@ -14,9 +14,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.errors import InputError
-from pipeline.image_file import write_pixels
+from pipeline.pictures.colour_file import load_colour, save_colour
+from pipeline.pictures.write import write_pixels
 from protocols.load import load_protocol
-from stimuli.exr import load_colour, save_colour
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import StereoPair, built_in_pair, load_pair
 from study_app.cli import app

@@ -24,7 +24,7 @@ from pipeline.foveation import reference
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.pooling import MetamerSettings, Pooling, Pools
 from pipeline.foveation.reference import metamer
-from pipeline.image_file import read_pixels
+from pipeline.pictures.decode import read_pixels
 from stimuli.denoise.denoise_files import Denoiser
 from study_app.cli import app
 

@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 from pipeline.foveation.conditions import foveate
 from pipeline.foveation.steady_gaze import carried
-from pipeline.image_file import read_pixels
-from stimuli.exr import save_colour
+from pipeline.pictures.colour_file import save_colour
+from pipeline.pictures.decode import read_pixels
 from stimuli.media.gaze_and_display import look_at
 from study_app.cli import app
 

@@ -21,11 +21,11 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.texture import read_back
 from pipeline.named_classes import Choice
+from pipeline.pictures.colour_file import PictureReading
 from protocols.disk.hashing import sha256_json
 from protocols.errors import StudyError
 from protocols.load import load_display
 from stimuli.foveate.clip_to_files import ClipSettings, foveate_clip
-from stimuli.media.any_picture import PictureReading
 from study_app.cli import app
 from study_app.cli.pictures.foveate import track_of
 from study_app.cli.pictures.live_renderer import FoveatingRenderer, read_source

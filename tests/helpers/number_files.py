@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stimuli.media.plane_file import MAGIC, _read
+from pipeline.pictures.depth_and_flow import MAGIC, _read
 
 
 def load_plane(path: Path) -> tuple[NDArray[Any], bool]:

@@ -15,8 +15,8 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.frame import SourceFrame
+from pipeline.pictures.warp_input import WarpInput, save_warp_input
 from protocols.load import shipped
-from stimuli.exr import WarpInput, save_warp_input
 from study_app.cli import app
 
 MESH = (

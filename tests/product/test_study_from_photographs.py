@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from skimage import data
 
-from pipeline.image_file import write_pixels
+from pipeline.pictures.write import write_pixels
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol

@@ -7,17 +7,11 @@ from number_files import load_plane
 from pipeline.colour import encode_srgb
 from pipeline.errors import FileNote, InputError
 from pipeline.frame import SourceFrame
-from pipeline.image_file import read_pixels, write_pixels
-from stimuli.exr import (
-    Channels,
-    Transfer,
-    WarpInput,
-    load_colour,
-    load_warp_input,
-    save_colour,
-    save_warp_input,
-)
-from stimuli.media.any_picture import read_any
+from pipeline.pictures.channels import Channels
+from pipeline.pictures.colour_file import Transfer, load_colour, read_any, save_colour
+from pipeline.pictures.decode import read_pixels
+from pipeline.pictures.warp_input import WarpInput, load_warp_input, save_warp_input
+from pipeline.pictures.write import write_pixels
 
 # Stored as float32, relative rounding 2^-24; the encoding's slope times the value is at most
 # 0.5; the result is rounded once more.

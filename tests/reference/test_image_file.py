@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.image_file import StoredPixels, read_pixels, three_channels, write_pixels
+from pipeline.pictures.decode import StoredPixels, read_pixels, three_channels
+from pipeline.pictures.write import write_pixels
 
 RGBZ = ("R", "G", "B", "Z")
 
@@ -155,7 +156,7 @@ def test_a_full_disk_neither_ends_the_program_nor_holds_it(tmp_path, name):
     script = f"""
 import resource, numpy as np
 from pathlib import Path
-from pipeline.image_file import write_pixels
+from pipeline.pictures.write import write_pixels
 noise = np.random.default_rng(0).integers(0, 256, (100, 200, 3), dtype=np.uint8)
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 try:

@@ -20,14 +20,12 @@ from number_files import load_plane
 from PIL import Image, ImageCms, ImageOps
 
 from pipeline.errors import FileNote, InputError
-from pipeline.image_file import read_pixels, three_channels
 from pipeline.methods.frames import FramesOnDisk
+from pipeline.pictures.colour_file import load_colour, read_any
+from pipeline.pictures.decode import read_parts, read_pixels, three_channels
+from pipeline.pictures.stored_frames import read_picture
 from pipeline.statements.row import Row, table
 from pipeline.statements.rows import ROWS
-from stimuli.exr import load_colour
-from stimuli.media.any_picture import read_any
-from stimuli.media.exr_parts import read_parts
-from stimuli.read_stimulus import read_picture
 
 REC709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 ACES = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
@@ -507,7 +505,7 @@ def test_overscan_is_cut_to_the_display_window(tmp_path):
 
 
 def test_encoded_floats_that_say_so_are_read_once_that_is_told(tmp_path):
-    from stimuli.exr import Transfer
+    from pipeline.pictures.colour_file import Transfer
 
     odd.exr(tmp_path / "a.exr", ("oiio:ColorSpace", "string", b"sRGB"))
     with pytest.raises(InputError, match="--encoded of warp and foveate"):

@@ -9,7 +9,6 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.image_file import write_pixels
 from pipeline.inpaint.reference import guide_from_depth, nearest_depth_m
 from pipeline.methods.method import composite
 from pipeline.methods.registry import (
@@ -19,6 +18,7 @@ from pipeline.methods.registry import (
     method_names,
     method_parameters,
 )
+from pipeline.pictures.write import write_pixels
 from stimuli.batch.clip import Fills
 
 NAMED = [entry.name for entry in METHODS if not entry.takes_path]
@@ -253,7 +253,7 @@ def at_index(frame: WarpedFrame, index: int) -> WarpedFrame:
 
 
 def test_frames_made_elsewhere_fill_the_holes_by_frame_index(folder, rng):
-    from pipeline.image_file import read_pixels
+    from pipeline.pictures.decode import read_pixels
 
     frame = at_index(warped_frame(rng), 2)
     stored = read_pixels(folder / "000002.png").data

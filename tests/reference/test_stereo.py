@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.image_file import write_pixels
-from stimuli.exr import save_colour
-from stimuli.scenes.stereo import StereoPair, built_in_pair, fill_unknown, load_pair
+from pipeline.pictures.colour_file import save_colour
+from pipeline.pictures.depth_and_flow import fill_unknown
+from pipeline.pictures.write import write_pixels
+from stimuli.scenes.stereo import StereoPair, built_in_pair, load_pair
 
 NAN = np.nan
 

@@ -11,8 +11,9 @@ from pipeline.camera import Camera, flow_between
 from pipeline.colour import decode_srgb
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
+from pipeline.pictures.channels import Channels
+from pipeline.pictures.warp_input import load_warp_input
 from protocols.recipes.warped_clips import CirclePath, ExrScene, UpsamplingPath
-from stimuli.exr import Channels, load_warp_input
 from stimuli.rendering.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import build_scene
 from stimuli.scenes.sequence import load_picture, open_sequence, turned_round

@@ -16,13 +16,13 @@ from number_files import load_plane
 from PIL import Image
 
 from pipeline.errors import FileNote, InputError
-from pipeline.image_file import read_pixels
+from pipeline.pictures.colour_file import load_colour
+from pipeline.pictures.decode import read_parts, read_pixels
+from pipeline.pictures.depth_and_flow import along_axis, load_depth, read_depth, read_flo
+from pipeline.pictures.warp_input import load_warp_input
 from protocols.recipes.warped_clips import CirclePath, ExrScene, RgbdScene, StereoScene
-from stimuli.exr import load_colour, load_warp_input
-from stimuli.media.exr_parts import read_parts
-from stimuli.media.plane_file import along_axis, read_depth, read_flo
 from stimuli.scenes.pair_check import judge_pair
-from stimuli.scenes.photo import load_depth, open_rgbd, read_pair
+from stimuli.scenes.photo import open_rgbd, read_pair
 from stimuli.scenes.sequence import load_picture
 from stimuli.scenes.stereo import load_pair
 

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import InputError
+from pipeline.pictures.stored_frames import sequence_files
 from pipeline.warp.settings import MOST_RIM_PX
 from protocols.formats.publish import json_schema
 from protocols.recipes.warped_clips import (
@@ -18,7 +19,6 @@ from protocols.recipes.warped_clips import (
     UpsamplingPath,
 )
 from stimuli.batch.footage import CameraShot, Footage
-from stimuli.media.exr_parts import frame_files
 from stimuli.rendering.paths import STILL, make_path
 from stimuli.scenes.photo import open_rgbd, open_stereo
 from stimuli.scenes.sequence import load_picture, open_sequence
@@ -83,9 +83,9 @@ def test_a_gap_in_a_sequence_is_named(tmp_path):
     for number in (1, 2, 4):
         (tmp_path / f"s.{number:04d}.exr").touch()
     with pytest.raises(InputError, match="1 missing, the first is 3"):
-        frame_files("s.####.exr", tmp_path)
+        sequence_files("s.####.exr", tmp_path)
     with pytest.raises(FileNotFoundError):
-        frame_files("t.####.exr", tmp_path)
+        sequence_files("t.####.exr", tmp_path)
 
 
 def test_a_sequence_is_up_sampled_by_its_own_motion(tmp_path, gl_context, write_exr):

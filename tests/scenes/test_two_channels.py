@@ -10,10 +10,11 @@ import odd_pictures as odd
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.pictures.channels import Channels
+from pipeline.pictures.colour_file import PictureReading, load_colour, read_any
+from pipeline.pictures.decode import read_parts
+from pipeline.pictures.warp_input import load_warp_input
 from protocols.recipes.warped_clips import CirclePath, ExrScene
-from stimuli.exr import Channels, load_colour, load_warp_input
-from stimuli.media.any_picture import PictureReading, read_any
-from stimuli.media.exr_parts import read_parts
 from stimuli.scenes.sequence import load_picture
 
 SIZE = (6, 8)

@@ -11,7 +11,7 @@ from undrawn_reports import undrawn_scores
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import foveate
 from pipeline.foveation.geometry import Equirectangular, Flat
-from stimuli.exr import save_colour
+from pipeline.pictures.colour_file import save_colour
 from stimuli.score.available import split_available
 from stimuli.score.band_ratios import EDGES_DEG, RingEnergies
 from stimuli.score.foveated import METRICS_OF_FOVEATION, score_foveated, seen_wide

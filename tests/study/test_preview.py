@@ -14,10 +14,10 @@ import pytest
 from study_texts import short_study
 from typer.testing import CliRunner
 
+from pipeline.pictures.drawing import save_picture
 from protocols.load import load_study, shipped
 from protocols.make_script import example_scripts
 from protocols.tasks.task_kinds import TASKS
-from stimuli.pictures import save_picture
 from study_app.cli import app
 from study_app.preview import MARK, preview_page
 from study_app.text_image import UnwritableError, typeface_for

@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.pooling import MetamerSettings, Pools
+from pipeline.pictures.colour_file import save_colour
 from pipeline.textures.bake import bake
 from pipeline.textures.baked_file import read_baked
 from pipeline.textures.reference import shade
 from pipeline.textures.surface_noise import surface_noise
-from stimuli.exr import save_colour
 from stimuli.texture.draw_globes import TexturedRenderer
 from stimuli.texture.scenes import SCENES, Globe, TexturedScene, planet_map
 from study_app.cli import app

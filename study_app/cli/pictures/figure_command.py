@@ -20,7 +20,7 @@ from study_app.cli.options import one_of
 from study_app.cli.terminal import say
 
 if TYPE_CHECKING:
-    from stimuli.pictures import Crop
+    from pipeline.pictures.drawing import Crop
 
 ENDINGS = (".pdf", ".svg", ".png")
 MINUS = "\N{MINUS SIGN}"
@@ -137,7 +137,7 @@ def figure(
 
 
 def _crops(given: list[str]) -> list[Crop]:
-    from stimuli.pictures import Crop
+    from pipeline.pictures.drawing import Crop
 
     if given == ["auto"]:
         return []

@@ -37,9 +37,9 @@ from study_app.cli.terminal import PlainConsole
 
 if TYPE_CHECKING:
     from pipeline.named_classes import Choice
+    from pipeline.pictures.colour_file import PictureReading
     from stimuli.foveate.clip_to_files import Track
     from stimuli.foveate.foveate_files import Outputs
-    from stimuli.media.any_picture import PictureReading
 
 
 DEFAULT_METHOD = "metamer"
@@ -128,7 +128,7 @@ class LightOptions:
 
     def reading(self, panorama: bool) -> PictureReading:
         """Return it as work on files takes it."""
-        from stimuli.media.any_picture import PictureReading
+        from pipeline.pictures.colour_file import PictureReading
 
         exposed = panorama and self.stops is None and not self.clip
         return PictureReading(self.background, self.clip, self.stops or 0.0, self.encoded, exposed)

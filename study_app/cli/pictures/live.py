@@ -28,8 +28,8 @@ from study_app.cli.terminal import say, say_notes
 if TYPE_CHECKING:
     from pipeline.foveation.geometry import FlatGeometry
     from pipeline.named_classes import Choice
+    from pipeline.pictures.colour_file import PictureReading
     from protocols.recipes.base import Change
-    from stimuli.media.any_picture import PictureReading
     from study_app.cli.pictures.live_renderer import FoveatingRenderer
     from study_app.desktop.window import Window
     from study_app.gaze.source import GazeSample
@@ -119,8 +119,8 @@ def live(
 
         metamerlab live around.exr --panorama -m warped-metamer --set law=v2
     """
+    from pipeline.pictures.colour_file import PictureReading
     from protocols.recipes.base import Change
-    from stimuli.media.any_picture import PictureReading
 
     if asked.verify is not None:
         if replace(asked, verify=None) != LiveOptions():
@@ -452,8 +452,8 @@ def _verify(source: str, path: Path) -> None:
     from pipeline.foveation.geometry import FlatGeometry
     from pipeline.gl.context import describe, lent_context
     from pipeline.named_classes import Choice
-    from pipeline.picture_limits import check_need
-    from stimuli.media.any_picture import PictureReading
+    from pipeline.pictures.colour_file import PictureReading
+    from pipeline.pictures.size_limits import check_need
     from study_app.cli.pictures.live_renderer import (
         BUILTIN,
         FoveatingRenderer,

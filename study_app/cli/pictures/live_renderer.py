@@ -21,9 +21,9 @@ from pipeline.foveation.picture_pass import CutPass
 from pipeline.foveation.steady_gaze import SteadyGaze
 from pipeline.gl.texture import create_texture, texture_bytes, upload
 from pipeline.named_classes import Choice
+from pipeline.pictures.colour_file import PictureReading, read_any
 from protocols.limits import check_within
 from protocols.recipes.base import Cut
-from stimuli.media.any_picture import PictureReading, read_any
 from stimuli.media.frames_folder import frames_in
 from stimuli.scenes.builtin_pictures import builtin_picture, check_picture_name
 from study_app.live.renderer import GazeState, LiveView, Place, RendererDescription

@@ -135,9 +135,9 @@ def _run(
     eye: Eye | None,
 ) -> None:
     from pipeline.gl.context import describe
+    from pipeline.pictures import drawing
+    from pipeline.pictures.colour_file import save_colour
     from pipeline.warp.speckle import mends
-    from stimuli import pictures
-    from stimuli.exr import save_colour
     from stimuli.warp.one_frame import comparison, warp_and_fill
     from stimuli.warp.upsampled import periphery, upsampled, upsampled_sheet
     from stimuli.warp.warp_steps import write_steps
@@ -167,7 +167,7 @@ def _run(
             sheet = upsampled_sheet(warped, fills, truth, eye)
         else:
             sheet = comparison(warped, fills, truth)
-        pictures.save_picture(compare, sheet)
+        drawing.save_picture(compare, sheet)
         console.print(f"wrote {compare} ({len(fills)} methods)")
     if steps is not None:
         with console.status("writing every step ..."):

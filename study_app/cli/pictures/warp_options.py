@@ -29,7 +29,7 @@ class FileOptions:
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """Options of a picture with motion or depth; see `stimuli.one_picture`."""
+    """Options of a picture with motion or depth; see `pipeline.pictures.warp_input`."""
 
     panel: ClassVar = "Picture with motion or depth"
 

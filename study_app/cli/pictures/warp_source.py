@@ -11,12 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import SourceFrame, check_file_size
-from pipeline.image_file import check_fits
+from pipeline.pictures.channels import Channels
+from pipeline.pictures.colour_file import Transfer, load_colour
+from pipeline.pictures.depth_and_flow import DEPTH_IS, DepthIs
+from pipeline.pictures.header import check_fits
+from pipeline.pictures.warp_input import (
+    NEARER,
+    WarpInput,
+    from_depth,
+    from_flow,
+    from_the_side,
+    load_warp_input,
+    read_pose,
+)
 from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
-from stimuli.exr import Channels, Transfer, WarpInput, load_colour, load_warp_input
-from stimuli.media.plane_file import DEPTH_IS, DepthIs
-from stimuli.one_picture import NEARER, from_depth, from_flow, from_the_side, read_pose
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
 from stimuli.score.pair import read_colour, read_hole_mask

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.gl.context import describe, lent_context
+from pipeline.pictures.colour_file import read_any
 from protocols.errors import StudyError
 from protocols.load import load_study
 from protocols.manifest import check_manifest, read_manifest
-from stimuli.media.any_picture import read_any
 from study_app.cli.pictures.live_renderer import FoveatingStudio
 from study_app.cli.terminal import say
 from study_app.clips import check_files, read_frame

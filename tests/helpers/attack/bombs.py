@@ -32,7 +32,7 @@ import psutil
 from attack.readers import write_ods, write_xlsx
 from PIL import Image
 
-from pipeline.image_file import write_pixels
+from pipeline.pictures.write import write_pixels
 from protocols.load import shipped
 
 MOST_MIB, MOST_CPU_S, MOST_WALL_S = 1024, 20.0, 180.0
@@ -639,8 +639,8 @@ def live_log(name: str, width: int, height: int) -> Write:
     """A log of a live picture of that size, as `metamerlab live --record` writes it."""
 
     def write(folder: Path) -> None:
+        from pipeline.pictures.colour_file import PictureReading
         from protocols.load import load_display
-        from stimuli.media.any_picture import PictureReading
         from study_app.live.log import LiveLog
         from study_app.live.renderer import RendererDescription
 

@@ -36,8 +36,13 @@ from pipeline.compression.codec import CompressionSettings as CompressedAs
 from pipeline.compression.codec import compress, decompress
 from pipeline.compression.compressed_file import read_compressed, to_bytes
 from pipeline.denoising.network import DenoisingNetwork, NetworkFacts
-from pipeline.image_file import write_pixels
 from pipeline.methods.onnx import OnnxNetwork
+from pipeline.pictures.colour_file import PictureReading, load_colour, read_any
+from pipeline.pictures.decode import read_parts
+from pipeline.pictures.depth_and_flow import load_depth, read_flo
+from pipeline.pictures.stored_frames import read_frames, read_picture
+from pipeline.pictures.warp_input import load_warp_input, read_pose
+from pipeline.pictures.write import write_pixels
 from pipeline.textures.bake import Layout, strips
 from pipeline.textures.baked_file import read_baked, write_baked
 from protocols.disk.hashing import sha256_bytes
@@ -48,15 +53,8 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, load_toml, shipped
 from protocols.manifest import read_manifest, write_manifest
 from protocols.recipes.files import read_table as read_stimuli
-from stimuli.exr import load_colour, load_warp_input
-from stimuli.media.any_picture import PictureReading, read_any
-from stimuli.media.exr_parts import read_parts
-from stimuli.media.plane_file import read_flo
 from stimuli.media.png import decode
-from stimuli.one_picture import read_pose
-from stimuli.read_stimulus import read_frames, read_picture
 from stimuli.scenes.mesh_file import load_world
-from stimuli.scenes.photo import load_depth
 from stimuli.score.viewing_conditions import open_viewing, read_gaze
 from study_app.archive.read_archive import check, opened
 from study_app.archive.write_archive import ArchiveOptions, write_archive

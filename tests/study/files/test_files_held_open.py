@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import typer
 
-from pipeline.image_file import write_pixels
+from pipeline.pictures.write import write_pixels
 from protocols.disk import whole_file
 from protocols.disk.result_folder import whole_folder
 from protocols.disk.whole_file import move, remove, write_whole

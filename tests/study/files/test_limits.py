@@ -29,8 +29,13 @@ from analysis.export.bids_gaze import read_samples
 from analysis.tables.table import Table
 from analysis.tasks.note import read_note
 from pipeline.errors import InputError
-from pipeline.image_file import check_fits, read_pixels, write_pixels
-from pipeline.picture_limits import NEEDS, check_need, check_values
+from pipeline.pictures.colour_file import load_colour, read_any, save_colour
+from pipeline.pictures.decode import read_parts, read_pixels
+from pipeline.pictures.header import check_fits
+from pipeline.pictures.size_limits import NEEDS, check_need, check_values
+from pipeline.pictures.stored_frames import read_frames, stated
+from pipeline.pictures.warp_input import read_pose
+from pipeline.pictures.write import write_pixels
 from pipeline.video_file import VideoFrames
 from protocols.disk.hashing import sha256_bytes
 from protocols.errors import StudyError
@@ -43,13 +48,8 @@ from protocols.manifest import read_manifest
 from protocols.outside import bounded_bytes, lines_of, parsed_json, visible_line
 from protocols.plan import make_plan, planned_trials
 from protocols.recipes.files import read_table as read_stimuli
-from stimuli.exr import load_colour, save_colour
-from stimuli.media.any_picture import read_any
-from stimuli.media.exr_parts import read_parts
 from stimuli.media.png import decode
 from stimuli.media.video import unpacked_video
-from stimuli.one_picture import read_pose
-from stimuli.read_stimulus import read_frames, stated
 from stimuli.scenes.mesh_file import load_world
 from stimuli.score.viewing_conditions import read_gaze
 from study_app.cli import app
@@ -130,7 +130,7 @@ def test_a_picture_of_any_size_is_refused_before_it_is_unpacked(tmp_path):
     path = tmp_path / "huge.png"
     small_file_of_a_huge_picture(path)
     program = (
-        "import re, sys; from pathlib import Path; from pipeline.image_file import"
+        "import re, sys; from pathlib import Path; from pipeline.pictures.decode import"
         " read_pixels\nfrom pipeline.errors import InputError\n"
         "try: read_pixels(Path(sys.argv[1]))\nexcept InputError as error: print(error)\n"
         # Not `ru_maxrss`, which begins at what the parent held.
@@ -476,7 +476,7 @@ def test_a_photograph_that_takes_more_memory_than_is_free_is_refused_before_it_i
     noise = np.random.default_rng(1).integers(0, 256, (200, 200, 3), dtype=np.uint8)
     Image.fromarray(noise).save(tmp_path / "p.png")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("pipeline.image_file.read_pixels", None)
+    monkeypatch.setattr("pipeline.pictures.decode.read_pixels", None)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=-(1 << 40)))
     done = CliRunner().invoke(app, words.split())
     said = " ".join(done.output.split())
@@ -606,7 +606,7 @@ def test_a_texture_counts_once_for_each_material_that_has_it(tmp_path, monkeypat
     material = {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}
     parts = {"images": [{"uri": "t.png"}], "textures": [{"source": 0}], "materials": [material] * 9}
     path = mesh(tmp_path / "s.gltf", **parts)
-    monkeypatch.setattr("pipeline.picture_limits.MEMORY_FOR_A_BYTE_OF_A_MESH", 0)
+    monkeypatch.setattr("pipeline.pictures.size_limits.MEMORY_FOR_A_BYTE_OF_A_MESH", 0)
     monkeypatch.setenv(LIMITS_VARIABLE, "memory=1.6e6")
     assert load_world(path).parts
     monkeypatch.setenv(LIMITS_VARIABLE, "memory=1.5e6")

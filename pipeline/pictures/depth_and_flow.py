@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, Final, Literal, get_args
 
@@ -23,19 +23,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError, note
-from pipeline.image_file import check_fits, check_numbers, count_pictures, read_pixels
-from pipeline.picture_limits import check_need, check_values
+from pipeline.frame import (
+    Bools,
+    Floats,
+    check_depth,
+)
+from pipeline.pictures.channels import (
+    EMPTY_DEPTH,
+    lone_plane,
+)
+from pipeline.pictures.decode import (
+    check_numbers,
+    read_parts,
+    read_pixels,
+)
+from pipeline.pictures.header import check_fits, count_pictures
+from pipeline.pictures.size_limits import check_need, check_values
 from protocols.outside import check_zip, reading
-from stimuli.exr import check_depth_unit
-from stimuli.media.channels import EMPTY_DEPTH, lone_plane
-from stimuli.media.exr_parts import read_parts
+
+DEPTH_UNIT = "metamerlab:depth_unit"
+
+
+def check_depth_unit(path: Path, attributes: Mapping[str, Any], cure: str = "") -> None:
+    """Refuse depth whose header says another unit than metres; `cure` ends the message.
+
+    Raises
+    ------
+    InputError
+        With the unit.
+    """
+    unit = str(attributes.get(DEPTH_UNIT, "m"))
+    if unit != "m":
+        raise InputError(f"{path}: depth must be in metres (the header says {unit[:40]!r}){cure}")
+
 
 NUMPY_FILES: Final = (".npy", ".npz")
 DepthIs = Literal["distance", "inverse", "ray"]
 DEPTH_IS: Final[tuple[DepthIs, ...]] = get_args(DepthIs)
 Unknown = Sequence[float] | None
 """Numbers that stand for "unknown"; none, if it is empty; None where nobody has said."""
-
 _MANY = 1e-3  # share of the pixels from which a number may stand for something
 _APART = 1 / 16  # of an integer type's range, between a stand-in and the next number
 _APART_PX = 3.0  # the same for a disparity of a pixel less than nothing
@@ -90,7 +116,7 @@ def read_disparity(
 
 def read_depth(
     path: Path, scale: float, *, is_a: DepthIs = "distance", unknown: Unknown = None
-) -> NDArray[np.float64]:
+) -> Floats:
     """Read depth, shape (H, W), in metres once multiplied by `scale`.
 
     NaN where it is unknown, inf where there is nothing.
@@ -126,7 +152,7 @@ def read_depth(
     return _some_known(path, np.where(missing, np.nan, depth), "depth")
 
 
-def _some_known(path: Path, values: NDArray[np.float64], what: str) -> NDArray[np.float64]:
+def _some_known(path: Path, values: Floats, what: str) -> Floats:
     if np.isnan(values).all():
         raise InputError(
             f"{path}: {what} must be known for at least one pixel (each is NaN, or a number that"
@@ -159,9 +185,9 @@ def along_axis(
 def _ask_about_impossible(
     path: Path,
     stored: NDArray[Any],
-    pixels: NDArray[np.float64],
-    missing: NDArray[np.bool_],
-    negative: NDArray[np.bool_],
+    pixels: Floats,
+    missing: Bools,
+    negative: Bools,
 ) -> None:
     """Refuse one single disparity that cannot be, with what would say that it stands for unknown.
 
@@ -193,7 +219,7 @@ def _ask_about_impossible(
 
 def _unknown(
     stored: NDArray[Any], named: float | None, told: Unknown, *, zero: bool = True
-) -> NDArray[np.bool_]:
+) -> Bools:
     """True where a number stands for "unknown" for sure: by type, header, or what was told."""
     numbers = [*(told or ()), *(() if named is None else (named,))]
     if zero and stored.dtype.kind in "iu":
@@ -205,8 +231,8 @@ def _unknown(
 
 
 def _impossible_stand_in(
-    path: Path, stored: NDArray[Any], impossible: NDArray[np.bool_], numbers: Sequence[float]
-) -> NDArray[np.bool_]:
+    path: Path, stored: NDArray[Any], impossible: Bools, numbers: Sequence[float]
+) -> Bools:
     """The impossible pixels, where all hold one of `numbers`, which then stands for "unknown"."""
     held = np.unique(stored[impossible])
     if held.size != 1 or float(held[0]) not in [float(number) for number in numbers]:
@@ -218,7 +244,7 @@ def _impossible_stand_in(
 def _ask(
     path: Path,
     stored: NDArray[Any],
-    missing: NDArray[np.bool_],
+    missing: Bools,
     lowest: Sequence[float],
     apart: float,
     units: float,
@@ -257,7 +283,7 @@ def _ask(
     )
 
 
-def _check_sign(path: Path, below: NDArray[np.float64], known: int) -> None:
+def _check_sign(path: Path, below: Floats, known: int) -> None:
     """Refuse a disparity below 0 nearly everywhere, which grows the other way.
 
     Raises
@@ -273,7 +299,7 @@ def _check_sign(path: Path, below: NDArray[np.float64], known: int) -> None:
         )
 
 
-def _held(stored: NDArray[Any], where: NDArray[np.bool_]) -> str:
+def _held(stored: NDArray[Any], where: Bools) -> str:
     """Numbers at some pixels, and at how many each, in words."""
     numbers, counts = np.unique(stored[where], return_counts=True)
     listed = [
@@ -301,7 +327,7 @@ def _digits(value: Any) -> str:
     return str(value)
 
 
-def _lone(values: NDArray[np.float64]) -> tuple[float, ...]:
+def _lone(values: Floats) -> tuple[float, ...]:
     """The least of some numbers, where all others are more than a hundred times as large."""
     others = values[values > values.min(initial=np.inf)]
     return (values.min(),) if others.size and values.min() * _LONE < others.min() else ()
@@ -345,7 +371,7 @@ def check_byte_order(path: Path, stored: NDArray[Any]) -> None:
         )
 
 
-def _doubles(stored: NDArray[Any]) -> NDArray[np.float64]:
+def _doubles(stored: NDArray[Any]) -> Floats:
     with np.errstate(invalid="ignore", over="ignore"):  # damaged floats may be signals
         return stored.astype(np.float64)
 
@@ -411,7 +437,7 @@ def _load_array(path: Path) -> NDArray[Any]:
     """Return the one array of a numpy file, after a look at the size that it states."""
     if not zipfile.is_zipfile(path):
         with path.open("rb") as file:
-            _check_header(path, file)
+            _check_array(path, file)
             file.seek(0)
             array = np.asarray(np.load(file, allow_pickle=False))
     else:
@@ -420,7 +446,7 @@ def _load_array(path: Path) -> NDArray[Any]:
             with zipfile.ZipFile(file) as packed:
                 for name in packed.namelist():
                     with packed.open(name) as member:
-                        _check_header(path, member)
+                        _check_array(path, member)
         with np.load(path, allow_pickle=False) as loaded:
             keys = loaded.files
             if len(keys) != 1:
@@ -435,7 +461,7 @@ def _load_array(path: Path) -> NDArray[Any]:
     return array.astype(array.dtype.newbyteorder("="), copy=False)
 
 
-def _check_header(path: Path, file: IO[bytes]) -> None:
+def _check_array(path: Path, file: IO[bytes]) -> None:
     """Refuse an array by the size that it states."""
     first = np.lib.format.read_magic(file) == (1, 0)
     header = np.lib.format.read_array_header_1_0 if first else _later_header
@@ -453,7 +479,7 @@ UNKNOWN_PX = 1e9
 HEADER_BYTES = 12
 
 
-def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def read_flo(path: Path) -> tuple[NDArray[np.float32], Bools]:
     """Read a file of flow.
 
     Returns
@@ -490,3 +516,108 @@ def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     if not known.any():
         raise InputError(f"{path}: must know the motion of at least one pixel (knows none)")
     return np.where(known[..., None], flow, 0).astype(np.float32), known
+
+
+ASSUMED_FIELD_OF_VIEW = 1.0  # focal length over image width, where a pair does not say
+
+
+def fill_unknown(
+    disparity_px: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], Bools]:
+    """Set each unknown disparity to that of the farther of its known neighbours in the row.
+
+    Unknown pixels are mostly those that only one camera sees: they belong to the background.
+
+    Parameters
+    ----------
+    disparity_px : ndarray of float32, shape (H, W)
+        NaN or infinite where unknown.
+
+    Returns
+    -------
+    filled : ndarray of float32, shape (H, W)
+        Finite. A row without any known pixel takes the nearest row that has one.
+    known : ndarray of bool, shape (H, W)
+
+    Raises
+    ------
+    InputError
+        If no pixel is known.
+    """
+    known = np.isfinite(disparity_px)
+    if not known.any():
+        raise InputError("at least one pixel must be known (none is finite)")
+    rows_known = np.flatnonzero(known.any(axis=1))
+    nearest = rows_known[
+        np.abs(np.arange(len(known))[:, None] - rows_known[None, :]).argmin(axis=1)
+    ]
+    # Far means small: the smaller of the two neighbours, one of which may be missing.
+    finite = np.where(known, disparity_px, np.inf)
+    left = _carry(finite, known)
+    right = _carry(finite[:, ::-1], known[:, ::-1])[:, ::-1]
+    filled = np.where(known, disparity_px, np.minimum(left, right))[nearest]
+    return filled.astype(np.float32), known
+
+
+def _carry(values: NDArray[np.floating], known: Bools) -> NDArray[np.floating]:
+    """Each pixel's last known value to the left, inf where there is none."""
+    column = np.where(known, np.arange(values.shape[1]), -1)
+    last = np.maximum.accumulate(column, axis=1)
+    carried = np.take_along_axis(values, last.clip(min=0), axis=1)
+    return np.where(last >= 0, carried, np.inf)
+
+
+def load_depth(
+    path: Path,
+    scale: float,
+    *,
+    is_a: DepthIs = "distance",
+    unknown: Unknown = None,
+    intrinsics_px: tuple[float, float, float, float] | None = None,
+) -> NDArray[np.float32]:
+    """Read depth in metres along the optical axis, shape (H, W).
+
+    `pipeline.pictures.depth_and_flow` says which numbers stand for "unknown": such a pixel takes
+    the depth of the farther neighbour in the row.
+
+    Parameters
+    ----------
+    path : Path
+        What `pipeline.pictures.depth_and_flow.read_depth` reads.
+    scale : float
+        Metres per unit; for ``"inverse"``, what 1 stands for.
+    is_a : {"distance", "inverse", "ray"}
+        Distance along the axis, 1 / distance, or distance along the pixel's ray.
+    unknown : sequence of float, optional
+        Further stored numbers that stand for "unknown"; empty, if there are none.
+    intrinsics_px : (fx, fy, cx, cy), optional
+        Of the camera, for rays; by default the middle of a field of view of 53 degrees.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    InputError
+        If it holds other than one number a pixel, or a depth is not positive.
+    """
+    if not scale > 0:
+        raise InputError(f"metres per unit of depth must be greater than 0 (got {scale})")
+    stored = read_depth(path, scale, is_a=is_a, unknown=unknown)
+    if np.isnan(stored).any():
+        with np.errstate(divide="ignore", over="ignore"):
+            inverse = (1 / stored).astype(np.float32)
+            depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
+    else:
+        with np.errstate(over="ignore", under="ignore"):
+            depth = stored.astype(np.float32)
+    check_depth(depth, f"{path}: depth")
+    if is_a == "ray":
+        height, width = depth.shape
+        focal_px = ASSUMED_FIELD_OF_VIEW * width
+        depth = along_axis(depth, intrinsics_px or centred(focal_px, width, height))
+    return depth
+
+
+def centred(focal_px: float, width: int, height: int) -> tuple[float, float, float, float]:
+    """Intrinsics (fx, fy, cx, cy) of a camera that looks at the middle of its picture."""
+    return focal_px, focal_px, (width - 1) / 2, (height - 1) / 2

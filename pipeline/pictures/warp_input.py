@@ -1,8 +1,15 @@
-"""Input of a warp, from one picture and its motion, or its depth and two poses."""
+"""Input of a warp: one OpenEXR file, or one picture with its motion, or its depth and two poses.
+
+RGBZ + flow in one OpenEXR file, of one part or several: this project writes ``R`` ``G`` ``B``,
+``Z``, ``flow.x``, ``flow.y`` and, where the camera moves along its axis, ``target.Z``;
+`pipeline.pictures.channels` says what each means and which other programs' names are known, and
+`Channels` tells further ones.
+"""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal, get_args
 
@@ -13,12 +20,139 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, check_file_size
+from pipeline.frame import (
+    NO_DEPTH,
+    Floats,
+    SourceFrame,
+    check_depth,
+    check_file_size,
+    check_flow,
+)
+from pipeline.pictures.channels import (
+    Channels,
+    depth_layer,
+    find,
+    light_of,
+    naming_options,
+    need,
+    need_motion,
+    told_name,
+)
+from pipeline.pictures.colour_file import (
+    TRANSFER,
+    Transfer,
+    encoded_light,
+    linear_light,
+    load_colour,
+    stored_transfer,
+)
+from pipeline.pictures.decode import (
+    read_parts,
+)
+from pipeline.pictures.depth_and_flow import (
+    DEPTH_UNIT,
+    DepthIs,
+    Unknown,
+    centred,
+    check_depth_unit,
+    load_depth,
+    read_flo,
+)
+from pipeline.pictures.write import write_pixels
 from protocols.errors import must_be_one_of
 from protocols.outside import bounded_bytes, reading
-from stimuli.exr import WarpInput, load_colour
-from stimuli.media.plane_file import DepthIs, Unknown, read_flo
-from stimuli.scenes.photo import centred, load_depth
+
+
+@dataclass(frozen=True)
+class WarpInput:
+    """Input of a warp: a source frame, and where each of its pixels goes.
+
+    Parameters
+    ----------
+    source : SourceFrame
+    flow_px : ndarray of float32, shape (H, W, 2)
+        Target minus source position, x then y.
+    target_depth_m : ndarray of float32, shape (H, W), optional
+        Depth of the source's pixels as the target camera sees them.
+    """
+
+    source: SourceFrame
+    flow_px: NDArray[np.float32]
+    target_depth_m: NDArray[np.float32] | None = None
+
+
+def load_warp_input(
+    path: Path,
+    *,
+    channels: Channels | None = None,
+    transfer: Transfer | None = None,
+    clip: bool = False,
+) -> WarpInput:
+    """Read RGBZ and flow from one OpenEXR file; `pipeline.pictures.channels` lists the channels.
+
+    Where the file's motion leads to the previous frame, as Unreal's does, so does the flow.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    InputError
+        If it is not a whole image, a channel is missing, the depth's unit is not metres,
+        or a value breaks the rules of `pipeline.frame`: NaN colour, depth at or below 0,
+        flow that is not finite.
+    """
+    told = channels or Channels()
+    file = read_parts(path, encoded=transfer is Transfer.ENCODED)
+    planes = file.planes
+    layer = depth_layer(path, planes, told_name(planes, told.depth))
+    colour = light_of(path, planes, told, layer)
+    stored = stored_transfer(path, file.attributes)
+    colour = encoded_light(path, colour, transfer or stored, clip)
+    check_depth_unit(path, file.attributes)
+    depth_m = need(
+        path, planes, "depth", told_name(planes, told.depth), cure=naming_options("depth")
+    )
+    check_depth(depth_m, f"{path}: depth", cure=NO_DEPTH)
+    told_motion = (told_name(planes, told.flow_x), told_name(planes, told.flow_y))
+    cure = naming_options("motion_x", "motion_y")
+    flow_px = need_motion(path, planes, told_motion, layer=layer, cure=cure).flow_px
+    check_flow(flow_px, f"{path}: flow")
+    target_m = find(path, planes, "target_depth", told_name(planes, told.target_depth))
+    if target_m is not None:
+        check_depth(target_m, f"{path}: depth", cure=NO_DEPTH)
+    return WarpInput(SourceFrame(colour, depth_m), flow_px, target_m)
+
+
+def save_warp_input(path: Path, frame: WarpInput, *, half_colour: bool = False) -> None:
+    """Write RGBZ and flow into one OpenEXR file, as `load_warp_input` reads it.
+
+    Depth and flow are always stored as 32-bit float; `half_colour` halves the colour's
+    size at 11 bits of precision.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; nothing is left behind then.
+    """
+    planes = [linear_light(frame.source.colour), frame.source.depth_m[..., None], frame.flow_px]
+    names = ["R", "G", "B", "Z", "flow.x", "flow.y"]
+    if frame.target_depth_m is not None:
+        planes.append(frame.target_depth_m[..., None])
+        names.append("target.Z")
+    colour_type = "half" if half_colour else "float"
+    write_pixels(
+        path,
+        np.concatenate(planes, axis=-1).astype(np.float32),
+        names,
+        types=[colour_type] * 3 + ["float"] * (len(names) - 3),
+        attributes={
+            TRANSFER: Transfer.LINEAR.value,
+            DEPTH_UNIT: "m",
+            "metamerlab:flow": "target minus source position, x right, y down, pixels",
+            "compression": "zip",
+        },
+    )
+
 
 Nearer = Literal["fast", "none"]
 NEARER: Final[tuple[Nearer, ...]] = get_args(Nearer)
@@ -83,8 +217,8 @@ def from_depth(
     depth: Path,
     *,
     intrinsics_px: tuple[float, float, float, float],
-    pose: NDArray[np.float64],
-    target_pose: NDArray[np.float64],
+    pose: Floats,
+    target_pose: Floats,
     depth_scale: float = 1.0,
     depth_is: DepthIs = "distance",
     unknown: Unknown = None,
@@ -165,8 +299,8 @@ def _moved(
     colour: NDArray[np.float32],
     depth_m: NDArray[np.float32],
     intrinsics_px: tuple[float, float, float, float],
-    pose: NDArray[np.float64],
-    target_pose: NDArray[np.float64],
+    pose: Floats,
+    target_pose: Floats,
 ) -> WarpInput:
     height, width = depth_m.shape
     fx_px, fy_px, cx_px, cy_px = intrinsics_px
@@ -179,7 +313,7 @@ def _moved(
     return WarpInput(SourceFrame(colour, depth_m), flow_px, target_depth_m)
 
 
-def read_pose(text: str) -> NDArray[np.float64]:
+def read_pose(text: str) -> Floats:
     """Read where a camera is: world from camera, metres, x right, y down, z forward.
 
     Parameters
@@ -207,7 +341,7 @@ def read_pose(text: str) -> NDArray[np.float64]:
     return _pose(text, "pose")
 
 
-def _pose(row: str, where: str) -> NDArray[np.float64]:
+def _pose(row: str, where: str) -> Floats:
     try:
         numbers = np.array([float(part) for part in re.split(r"[\s,]+", row.strip())])
     except ValueError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,14 +11,49 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import image_file
 from pipeline.errors import InputError
-from pipeline.image_file import read_pixels, three_channels
+from pipeline.pictures.decode import read_pixels, three_channels
+from pipeline.pictures.header import stated_size_px
 from pipeline.video_file import VideoFrames
+
+
+def sequence_files(file: str, folder: Path) -> list[Path]:
+    """Return the files of a sequence in order; ``####`` in `file` stands for the number.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    InputError
+        If a number is missing in between.
+    """
+    match = re.search(r"#+", file)
+    if match is None:
+        if not (folder / file).is_file():
+            raise FileNotFoundError(2, "No such file", str(folder / file))
+        return [folder / file]
+    head, tail = file[: match.start()], file[match.end() :]
+    place = folder / Path(head).parent if "/" in head else folder
+    name = re.compile(
+        re.escape(Path(head).name if not head.endswith("/") else "")
+        + rf"(\d{{{len(match[0])},}})" + re.escape(tail) + "$"
+    )  # fmt: skip
+    entries = sorted(place.iterdir()) if place.is_dir() else []
+    numbered = {int(m[1]): e for e in entries if (m := name.fullmatch(e.name))}
+    if not numbered:
+        raise FileNotFoundError(2, "No such file", str(folder / file))
+    missing = sorted(set(range(min(numbered), max(numbered) + 1)) - numbered.keys())
+    if missing:
+        raise InputError(
+            f"{folder / file}: must have every frame from {min(numbered)} to"
+            f" {max(numbered)} ({len(missing)} missing, the first is {missing[0]});"
+            " render what is missing, or copy the frames of one part into a folder of their own"
+        )
+    return [numbered[number] for number in sorted(numbered)]
+
 
 RATE_TOLERANCE_SHARE = 1e-3
 """Video files say 29.97 Hz in several ways."""
-
 Frame = NDArray[np.uint8]
 
 
@@ -107,9 +143,9 @@ def stated(path: Path, fps: float | None) -> StimulusHeader:
         If a video cannot be read, or its header says what must be refused.
     """
     if fps is None:
-        return StimulusHeader(image_file.stated_size_px(path))
+        return StimulusHeader(stated_size_px(path))
     if path.is_dir():
-        return StimulusHeader(next(map(image_file.stated_size_px, frame_files(path)), None))
+        return StimulusHeader(next(map(stated_size_px, frame_files(path)), None))
     video = VideoFrames(path)
     video.release()
     return StimulusHeader(video.size_px, video.notes)

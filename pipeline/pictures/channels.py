@@ -38,7 +38,6 @@ from pipeline.errors import InputError
 
 EMPTY_DEPTH = 1e10
 """Stored depth from which on a pixel shows nothing: Blender writes 1e10 where others write inf."""
-
 Layer = tuple[str, str]
 """A part of a file and a layer in it, by name; either may be empty."""
 
@@ -456,3 +455,40 @@ def _matching(planes: Planes, pattern: str) -> list[tuple[str, Layer]]:
             layer = match.groupdict().get("layer") or ""
             found.append((name, (planes.parts.get(name, ""), layer)))
     return found
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Names of a file's channels, in this project's units; what is empty is found by itself."""
+
+    red: tuple[str, ...] = ()
+    green: tuple[str, ...] = ()
+    blue: tuple[str, ...] = ()
+    depth: tuple[str, ...] = ()
+    flow_x: tuple[str, ...] = ()
+    flow_y: tuple[str, ...] = ()
+    target_depth: tuple[str, ...] = ()
+
+
+def light_of(
+    path: Path, planes: Planes, told: Channels, layer: Layer | None
+) -> NDArray[np.float32]:
+    """Red, green and blue as stored, shape (H, W, 3), which must be opaque."""
+    named = (("r", told.red), ("g", told.green), ("b", told.blue))
+    light = [
+        need(path, planes, key, told_name(planes, names), layer=layer, cure=naming_options(key))
+        for key, names in named
+    ]
+    check_opaque(path, planes, light[0])
+    return np.stack(light, axis=-1)
+
+
+def naming_options(*keys: str) -> str:
+    """End of a message: the options that name channels."""
+    return f"; name it by {' '.join(f'--channel {OPTIONS[key]}=NAME' for key in keys)}"
+
+
+def told_name(planes: Planes, names: tuple[str, ...]) -> str | None:
+    """The first of `names` that is there, or else the first; None where none is told."""
+    there = (name for name in names if planes.named(name) is not None)
+    return next(there, names[0] if names else None)

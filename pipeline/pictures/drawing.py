@@ -16,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from pipeline.image_file import write_pixels
+from pipeline.frame import Bools, Floats
 from pipeline.inpaint.reference import nearest_depth_m
-from protocols.disk.result_folder import whole_folder
+from pipeline.pictures.write import write_pixels
 
 S = TypeVar("S", bound=np.generic)
 Picture: TypeAlias = NDArray[np.uint8]
-Step = tuple[str, str, Picture]  # file name without number and ending, label, picture
-
 HOLE_COLOUR = (255, 0, 255)  # photographs hold no magenta
 CROP_SHARE = 1 / 6
 """Width of a crop that is looked for, in widths of the picture; 4 to 3."""
@@ -41,12 +39,12 @@ def of_colour(colour: NDArray[np.floating]) -> Picture:
     return picture
 
 
-def of_mask(mask: NDArray[np.bool_]) -> Picture:
+def of_mask(mask: Bools) -> Picture:
     """White where true."""
     return _grey(mask.astype(np.float64))
 
 
-def of_holes(colour: NDArray[np.floating], hole: NDArray[np.bool_]) -> Picture:
+def of_holes(colour: NDArray[np.floating], hole: Bools) -> Picture:
     """Colour with the holes in `HOLE_COLOUR`."""
     picture = of_colour(colour)
     picture[hole] = HOLE_COLOUR
@@ -153,36 +151,6 @@ def save_picture(path: Path, picture: Picture) -> None:
     write_pixels(path, picture, ("R", "G", "B"))
 
 
-def save_steps(
-    folder: Path, steps: Sequence[Step], size: tuple[int, int], columns: int | None = None
-) -> list[Path]:
-    """Write numbered pictures of every step into `folder`, and ``sheet.png`` of them all.
-
-    Parameters
-    ----------
-    folder : Path
-        New, empty, or with earlier steps, which are replaced; see `whole_folder`.
-    size : tuple of int
-        Height and width of every picture on the sheet: small ones are enlarged, large ones shrunk.
-    columns : int, optional
-        Of the sheet; by default about as many as rows.
-
-    Returns
-    -------
-    list of Path
-        What was written, the sheet last.
-    """
-    names, labelled = [], []
-    with whole_folder(folder, replace=True) as work:
-        for number, (name, label, picture) in enumerate(steps):
-            names.append(f"{number:02d}-{name}.png")
-            save_picture(work / names[-1], picture)
-            labelled.append((f"{number:02d} {label}", fitted(picture, size)))
-        names.append("sheet.png")
-        save_picture(work / names[-1], sheet(labelled, columns))
-    return [folder / name for name in names]
-
-
 def _grey(values: NDArray[np.floating]) -> Picture:
     return np.repeat(np.rint(255 * values).astype(np.uint8)[..., None], 3, axis=-1)
 
@@ -214,12 +182,12 @@ class Crop(NamedTuple):
         return picture[self.y : self.y + self.height, self.x : self.x + self.width]
 
 
-def difference(pictures: Sequence[Picture]) -> NDArray[np.float64]:
+def difference(pictures: Sequence[Picture]) -> Floats:
     """Return the distance of pictures, shape (H, W): the mean over pairs, of encoded levels."""
     pairs = list(combinations([picture.astype(np.float64) for picture in pictures], 2))
     if not pairs:
         return np.zeros(pictures[0].shape[:2])
-    total: NDArray[np.float64] = np.mean([np.abs(a - b).mean(axis=2) for a, b in pairs], axis=0)
+    total: Floats = np.mean([np.abs(a - b).mean(axis=2) for a, b in pairs], axis=0)
     return total
 
 

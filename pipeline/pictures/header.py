@@ -1,12 +1,26 @@
-"""Statements in an image file's header, one by one, also where OpenImageIO drops them."""
+"""Headers of image files: statements one by one, size, and number of pictures.
+
+Statements are read where OpenImageIO drops them, too. What is refused and what is noted says
+the table in `pipeline.statements.rows`.
+"""
 
 from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final
+
+import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
+from PIL import Image, features
+
+from pipeline.errors import InputError, note
+from pipeline.pictures.size_limits import check_need
+from pipeline.statements.check_statements import refusal
+from pipeline.statements.row import Use, rows_of
+from pipeline.statements.rows import COLOUR_SPACES, ROWS
+from protocols.outside import reading, visible_line
 
 _MOST_BYTES = 1 << 22  # of one statement; a longer one is known by name alone
 _MOST = 100_000  # statements of a file
@@ -17,7 +31,6 @@ _SCAN = 0xDA
 _XMP_OF_PNG = b"XML:com.adobe.xmp\0\0"
 _XMP_OF_JPEG = b"http://ns.adobe.com/xap/1.0/"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
-
 Statements = Mapping[str, Any]
 
 
@@ -232,3 +245,192 @@ WALKERS: Final[Mapping[str, Callable[[BinaryIO], Iterator[tuple[int, str, Any]]]
     "gif": _gif,
     "pnm": _pnm,
 }
+_LISTED = 6  # names that a message lists
+
+
+def check_statements(
+    path: Path,
+    kind: str,
+    attributes: Mapping[str, Any],
+    use: Sequence[Use],
+    *,
+    handled: Sequence[str] = (),
+    encoded: bool = False,
+) -> None:
+    """Refuse or note what a picture's header says and no reader honours.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        OpenImageIO's name of the format.
+    attributes : mapping
+        What OpenImageIO itself reads; those in rows of ``"any"`` count.
+    use : sequence of Use
+        What the file is read for.
+    handled : sequence of str
+        Statements that the caller deals with.
+    encoded : bool
+        Floats were said to hold encoded colour.
+
+    Raises
+    ------
+    InputError
+        If a statement is refused.
+    """
+    general = {name: attributes[name] for name in attributes if rows_of(ROWS, "any", name)}
+    if "ICCProfile" in general:
+        general["ICCProfile greys"] = general["ICCProfile"]
+    handled = (*handled, *COLOUR_SPACES) if encoded else handled
+    noted: dict[str, None] = {}
+    unknown: dict[str, None] = {}
+    for of, statements in (("any", general), *((kind, s) for s in read_statements(path, kind))):
+        for name, value in statements.items():
+            rows = [row for kind in {of: 0, "any": 0} for row in rows_of(ROWS, kind, name)]
+            if not rows:
+                unknown[name] = None
+            for row in rows:
+                counts = row.words and row.verdict != "honoured" and set(row.use) & set(use)
+                if not counts or name in handled:
+                    continue
+                try:
+                    found = f"its header has {name}" if row.judge is None else row.judge(
+                        value, {**general, **statements}
+                    )  # fmt: skip
+                except Exception:  # of what no program should have written
+                    noted[f"{name} is not understood, and left out"] = None
+                    continue
+                if found is not None:
+                    noted[row.said(path, found)] = None
+    if kind not in WALKERS:
+        noted[f"what files of {kind} say beside their pixels is not looked at"] = None
+    if unknown:
+        listed = ", ".join([*unknown][:_LISTED])
+        more = f" and {len(unknown) - _LISTED} more" if len(unknown) > _LISTED else ""
+        noted[f"not known, and left out: {listed}{more}"] = None
+    for text in noted:
+        note(path, text)
+
+
+UPRIGHT_EXIF = 1  # of Exif's orientations
+_FIRST_ON_ITS_SIDE = 5  # of the eight orientations of Exif
+
+
+def check_flat(path: Path, spec: oiio.ImageSpec) -> None:
+    """Refuse deep pixels, of which OpenImageIO returns what was in memory.
+
+    Raises
+    ------
+    InputError
+        If a pixel may hold any number of samples.
+    """
+    if spec.deep:
+        raise refusal(path, "deep pixels", "it is deep: any number of samples")
+
+
+def stated_size_px(path: Path, *, upright: bool = False) -> tuple[int, int] | None:
+    """Return width and height as an image file's header has them; None where it is no image.
+
+    With `upright`, as it is seen once turned by its Exif orientation.
+    """
+    source = oiio.ImageInput.open(str(path)) if path.is_file() else None
+    if source is None:
+        oiio.geterror()
+        avif = opened_avif(path) if path.is_file() else None
+        if avif is None:
+            return None
+        with avif:
+            return avif.size
+    spec = source.spec()
+    source.close()
+    size_px = int(spec.width), int(spec.height)
+    turned = upright and spec.get_int_attribute("Orientation", UPRIGHT_EXIF) >= _FIRST_ON_ITS_SIDE
+    return size_px[::-1] if turned else size_px
+
+
+def check_fits(path: Path, command: str) -> None:
+    """Refuse by its header a picture for which a command of `NEEDS` takes too much memory.
+
+    Raises
+    ------
+    InputError
+        As `pipeline.pictures.size_limits.check_need`. What is no picture, its reader refuses.
+    """
+    size_px = stated_size_px(path)
+    if size_px is not None:
+        check_need(path, command, *size_px)
+
+
+def count_pictures(path: Path) -> int:
+    """Return the number of pictures in an image file: pages of a TIFF, frames of a GIF, ..."""
+    for part in read_statements(path, "png"):
+        if len(frames := part.get("acTL", b"")) >= 4:  # of which OpenImageIO knows nothing
+            beside = [name for name in part if name in ("fcTL", "IDAT")] == ["IDAT", "fcTL"]
+            return int.from_bytes(frames[:4], "big") + beside
+    source, count = oiio.ImageInput.open(str(path)), 0
+    while source is not None and source.seek_subimage(count, 0):
+        count += 1
+    oiio.geterror()
+    if source is not None:
+        source.geterror()
+        source.close()
+    return count
+
+
+_HEAD = 1 << 16
+_HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
+_SHOWN = (1, 2, 6, 13, 14, 15)  # transfers that are shown as sRGB, or not said
+_PRIMARIES = (1, 2)
+_CURE = "save it as PNG or JPEG"
+
+
+def opened_avif(path: Path) -> Image.Image | None:
+    """Open an AVIF picture of 8 bits; None where a file is none.
+
+    Raises
+    ------
+    InputError
+        If it is HEIC, is damaged, holds several pictures, has more bits or another range of
+        colour, or Pillow has no decoder.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    brands = head[8 : min(int.from_bytes(head[:4]), 256)] if head[4:8] == b"ftyp" else b""
+    if not {b"avif", b"avis"} & {brands[at : at + 4] for at in range(0, len(brands), 4)}:
+        if brands.startswith(_HEIC):
+            raise InputError(f"{path}: is HEIC, which is not read; {_CURE}")
+        return None
+    if not features.check("avif"):
+        raise InputError(f"{path}: is AVIF, which this Pillow does not read; {_CURE}")
+    depths = re.findall(rb"pixi.{5}(.)", head, re.DOTALL)
+    colours = re.findall(rb"colrnclx(..)(..)", head, re.DOTALL)
+    if any(depth[0] > 8 for depth in depths) or any(
+        int.from_bytes(first) not in _PRIMARIES or int.from_bytes(curve) not in _SHOWN
+        for first, curve in colours
+    ):
+        raise InputError(
+            f"{path}: an AVIF picture must have 8 bits and the colours of sRGB (has more); {_CURE}"
+        )
+    with reading(path, "a whole AVIF picture", InputError):
+        image = Image.open(path, formats=["AVIF"])
+    if (pictures := getattr(image, "n_frames", 1)) > 1:
+        image.close()
+        raise InputError(f"{path}: must hold one picture (holds {pictures}); {_CURE}")
+    return image
+
+
+def display_size(path: Path) -> tuple[int, int]:
+    """Width and height of a file's display window, from its header alone.
+
+    Raises
+    ------
+    InputError
+        If it is no image.
+    """
+    with reading(path, "a whole image", InputError):
+        source = oiio.ImageInput.open(str(path))
+        if source is None:
+            raise InputError(f"{path}: must be an image ({visible_line(oiio.geterror())})")
+        spec = source.spec()
+        source.close()
+        return spec.full_width, spec.full_height

@@ -1,49 +1,53 @@
-"""Pixels to and from files, through OpenImageIO; what they mean is for `stimuli.exr` to say.
+"""Pixels of image files, as stored, through OpenImageIO, Pillow and a reader of Netpbm.
 
-AVIF goes through Pillow; HEIC is named, which neither it nor OpenImageIO reads.
+AVIF goes through Pillow; HEIC is named, which neither it nor OpenImageIO reads. What the numbers
+mean is for `pipeline.pictures.colour_file` and `pipeline.pictures.depth_and_flow` to say.
+
+A PGM or PPM file states the largest number that it may hold, a PFM file a scale whose sign is the
+order of the bytes. Its amount is ignored, as Middlebury's own reader does: writers put anything
+there (pfmLib of its author, 1/255).
 """
 
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
 from numpy.typing import NDArray
-from PIL import Image, features
+from PIL import Image
 
 from pipeline.errors import InputError, note
-from pipeline.image_header import WALKERS, read_statements
-from pipeline.netpbm import read_netpbm
-from pipeline.picture_limits import check_need, check_values
-from pipeline.statements.check_statements import check_statements, refusal
+from pipeline.pictures.channels import Planes
+from pipeline.pictures.header import (
+    UPRIGHT_EXIF,
+    WALKERS,
+    check_fits,
+    check_flat,
+    check_statements,
+    count_pictures,
+    opened_avif,
+    read_statements,
+)
+from pipeline.pictures.size_limits import check_values
+from pipeline.statements.check_statements import refusal
 from pipeline.statements.row import Use
-from protocols.disk.whole_file import whole_path
 from protocols.outside import reading, visible_line
 
 _NATIVE = ("uint8", "uint16", "int8", "int16", "int", "uint", "double")
 """Types that OpenImageIO hands out as stored when asked for them; asked for another, it stretches
 integers to shares of the largest one."""
-# OpenEXR files carry the time of writing, unless told one: same pixels, same bytes.
-_NO_TIME = "1970:01:01 00:00:00"
 _WINDOWED = ("openexr", "rla")
 _LAYERED = ("openexr", "psd")  # further pictures are parts of the first, or layers
 _EXACT = ("png", "tiff", "openexr", "pnm", "bmp")
 _LOSSY = ("jpeg", "jpeg2000", "jpegxl", "webp", "heif", "avif")
-_NEEDS_ROOM = ("jpeg", "webp")
-"""Formats whose libraries end the process, or never return, when the disk is full."""
-_HEAD = 2**16  # bytes that hold all of such a file but its pixels
 _ORIENTATION = 274  # its number in Exif
-_UPRIGHT = 1  # of Exif's orientations
-_FIRST_ON_ITS_SIDE = 5  # of the eight orientations of Exif
 _PNG_BITS = 24  # where its header has the bits of a number, and then the kind of colour
 _PNG_PALETTE = 3
-_ENDS = {".png": b"IEND\xaeB`\x82", ".tga": b"TRUEVISION-XFILE.\0"}
 
 
 @dataclass(frozen=True)
@@ -90,10 +94,10 @@ def read_pixels(path: Path, *, stretched: bool = True) -> StoredPixels:
     with reading(
         path, "a whole image", InputError
     ):  # names and texts in its header may be no UTF-8
-        return _read_pixels(path, stretched)
+        return pixels_of(path, stretched)
 
 
-def _read_pixels(path: Path, stretched: bool = True, *, ours: bool = False) -> StoredPixels:
+def pixels_of(path: Path, stretched: bool = True, *, ours: bool = False) -> StoredPixels:
     config = oiio.ImageSpec()  # without one, PFM files come out upside down
     config.attribute("oiio:UnassociatedAlpha", 1)  # colour as stored, not multiplied by alpha
     source = oiio.ImageInput.open(str(path), config) if path.is_file() else None
@@ -143,23 +147,11 @@ def _avif_pixels(path: Path, image: Image.Image) -> StoredPixels:
     oiio.geterror()
     with image:
         check_values(path, image.width, image.height, len(image.getbands()))
-        said: dict[str, Any] = {"Orientation": image.getexif().get(_ORIENTATION, _UPRIGHT)}
+        said: dict[str, Any] = {"Orientation": image.getexif().get(_ORIENTATION, UPRIGHT_EXIF)}
         if "icc_profile" in image.info:
             said["ICCProfile"] = np.frombuffer(image.info["icc_profile"], np.uint8)
         data = np.asarray(image)
         return StoredPixels(data.reshape(*data.shape[:2], -1), image.getbands(), said, "avif")
-
-
-def check_flat(path: Path, spec: oiio.ImageSpec) -> None:
-    """Refuse deep pixels, of which OpenImageIO returns what was in memory.
-
-    Raises
-    ------
-    InputError
-        If a pixel may hold any number of samples.
-    """
-    if spec.deep:
-        raise refusal(path, "deep pixels", "it is deep: any number of samples")
 
 
 def in_display_window(
@@ -204,39 +196,6 @@ def _narrow(data: NDArray[Any], bits: int | None) -> NDArray[Any]:
     return np.asarray(np.rint(data / factor), data.dtype)
 
 
-def stated_size_px(path: Path, *, upright: bool = False) -> tuple[int, int] | None:
-    """Return width and height as an image file's header has them; None where it is no image.
-
-    With `upright`, as it is seen once turned by its Exif orientation.
-    """
-    source = oiio.ImageInput.open(str(path)) if path.is_file() else None
-    if source is None:
-        oiio.geterror()
-        avif = opened_avif(path) if path.is_file() else None
-        if avif is None:
-            return None
-        with avif:
-            return avif.size
-    spec = source.spec()
-    source.close()
-    size_px = int(spec.width), int(spec.height)
-    turned = upright and spec.get_int_attribute("Orientation", _UPRIGHT) >= _FIRST_ON_ITS_SIDE
-    return size_px[::-1] if turned else size_px
-
-
-def check_fits(path: Path, command: str) -> None:
-    """Refuse by its header a picture for which a command of `NEEDS` takes too much memory.
-
-    Raises
-    ------
-    InputError
-        As `pipeline.picture_limits.check_need`. What is no picture, its reader refuses.
-    """
-    size_px = stated_size_px(path)
-    if size_px is not None:
-        check_need(path, command, *size_px)
-
-
 def check_picture(
     path: Path, pixels: StoredPixels, handled: Sequence[str] = (), *, encoded: bool = False
 ) -> None:
@@ -261,7 +220,7 @@ def check_picture(
             " numbers, of which no one knows what white is); save it as PNG"
         )
     if pixels.kind:  # there is a file
-        _check(path, pixels, "colour", handled, encoded=encoded)
+        _check_header(path, pixels, "colour", handled, encoded=encoded)
 
 
 def check_numbers(path: Path, pixels: StoredPixels) -> float | None:
@@ -282,7 +241,7 @@ def check_numbers(path: Path, pixels: StoredPixels) -> float | None:
             f"{path}: numbers are read from PNG, TIFF, OpenEXR, PGM and PFM (this is"
             f" {pixels.kind}); save them as one of these"
         )
-    _check(path, pixels, "numbers")
+    _check_header(path, pixels, "numbers")
     tags = read_statements(path, "tiff")[0] if pixels.kind == "tiff" else {}
     try:
         return float(tags["tag 42113"].strip(b"\0 ")) if "tag 42113" in tags else None
@@ -293,7 +252,7 @@ def check_numbers(path: Path, pixels: StoredPixels) -> float | None:
         ) from None
 
 
-def _check(
+def _check_header(
     path: Path, pixels: StoredPixels, use: Use, handled: Sequence[str] = (), **how: bool
 ) -> None:
     found = dict(pixels.attributes)
@@ -302,22 +261,6 @@ def _check(
     if pixels.kind not in _LAYERED:
         found["several pictures"] = count_pictures(path)
     check_statements(path, pixels.kind, found, (use,), handled=handled, **how)
-
-
-def count_pictures(path: Path) -> int:
-    """Return the number of pictures in an image file: pages of a TIFF, frames of a GIF, ..."""
-    for part in read_statements(path, "png"):
-        if len(frames := part.get("acTL", b"")) >= 4:  # of which OpenImageIO knows nothing
-            beside = [name for name in part if name in ("fcTL", "IDAT")] == ["IDAT", "fcTL"]
-            return int.from_bytes(frames[:4], "big") + beside
-    source, count = oiio.ImageInput.open(str(path)), 0
-    while source is not None and source.seek_subimage(count, 0):
-        count += 1
-    oiio.geterror()
-    if source is not None:
-        source.geterror()
-        source.close()
-    return count
 
 
 def three_channels(path: Path, pixels: StoredPixels, *, encoded: bool = False) -> NDArray[Any]:
@@ -359,124 +302,218 @@ def from_integers(data: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.float32]
     return shown
 
 
-FREE_SPACE: Final = "free some space on this disk, or choose another one"
+_GAP = rb"(?:\s|#[^\n]*\n)+"
+_HEADER = re.compile(
+    rb"(P[2356fF])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"([-+.\deE]+)"
+)
+_HEADER_BYTES = 4096
+_CHANNELS = {"P3": 3, "P6": 3, "PF": 3}
 
 
-def write_pixels(
-    path: Path,
-    data: NDArray[Any],
-    channels: Sequence[str],
-    *,
-    types: Sequence[str] = (),
-    attributes: Mapping[str, str | int | float] | None = None,
-) -> None:
-    """Write an image file whole or not at all: under a temporary name, synced, then renamed.
+@dataclass(frozen=True)
+class Netpbm:
+    """Numbers of a file.
+
+    Parameters
+    ----------
+    data : ndarray of uint8, uint16 or float32, shape (H, W, C)
+        As stored, the upper row first.
+    is_float : bool
+        It is a PFM file.
+    largest : int
+        What a PGM or PPM file says of its numbers; 1 of a PFM file.
+    """
+
+    data: NDArray[Any]
+    is_float: bool
+    largest: int = 1
+
+    def stretched(self) -> NDArray[Any]:
+        """Integers in shares of the type's largest number, rounded down; floats as they are."""
+        if self.is_float:
+            return self.data
+        most = np.iinfo(self.data.dtype).max
+        return (self.data.astype(np.uint32) * most // self.largest).astype(self.data.dtype)
+
+
+def read_netpbm(path: Path) -> Netpbm | None:
+    """Return the numbers of a PGM, PPM or PFM file; None where it is none, or a bitmap.
+
+    Raises
+    ------
+    InputError
+        If it is cut short, or its numbers exceed the maximum that it states.
+    """
+    with path.open("rb") as file:
+        match = _HEADER.match(file.read(_HEADER_BYTES))
+        if match is None:
+            return None
+        kind, width, height = match[1].decode(), int(match[2]), int(match[3])
+        shape = height, width, _CHANNELS.get(kind, 1)
+        check_values(path, *shape)
+        file.seek(match.end())
+        body = file.read()
+    is_float = kind in ("Pf", "PF")
+    if not is_float and not match[4].isdigit():
+        return None
+    try:
+        largest = float(match[4])
+    except ValueError:
+        return None
+    floats, integers = "<f4" if largest < 0 else ">f4", ">u2" if largest > 255 else "u1"
+    dtype = np.dtype(floats if is_float else integers)
+    if kind in ("P2", "P3"):
+        words = re.sub(rb"#[^\n]*", b"", body).split()
+        if odd := [word for word in words if not word.isdigit()]:
+            said = odd[0][:20].decode("latin-1")
+            raise InputError(
+                f"{path}: must hold whole numbers of 0 and more (one is {said!r}); write it again,"
+                " as PFM if they are fractions or negative"
+            )
+        wanted, there = int(np.prod(shape)), len(words)
+        found = np.array([min(int(word), 65535) for word in words], np.uint16)
+    else:
+        wanted = dtype.itemsize * int(np.prod(shape))
+        # One white space ends the header; some programs write a line end of two.
+        body = body[2 if body[:2] == b"\r\n" and len(body) == wanted + 2 else 1 :]
+        there = len(body)
+        found = np.frombuffer(body[: dtype.itemsize * (len(body) // dtype.itemsize)], dtype)
+    if there > wanted:
+        raise InputError(
+            f"{path}: must end with its last number (it says {width} x {height} px, {wanted}"
+            f" {'numbers' if kind in ('P2', 'P3') else 'bytes'}, and {there} follow its header:"
+            " where they begin is not known); make it again, as one picture"
+        )
+    if found.size < np.prod(shape):
+        raise InputError(
+            f"{path}: must be a whole image (it says {width} x {height} px, and ends before); the"
+            " file is damaged or was cut short: copy or make it again"
+        )
+    if not is_float and found.max() > largest:
+        raise InputError(
+            f"{path}: must hold numbers up to {largest:g}, as its header says (holds"
+            f" {found.max()}); make it again"
+        )
+    data = found[: np.prod(shape)].reshape(shape).astype(dtype.newbyteorder("="))
+    if is_float:
+        return Netpbm(np.ascontiguousarray(data[::-1]), True)
+    return Netpbm(data, False, int(largest))
+
+
+@dataclass(frozen=True)
+class ExrParts:
+    """Every channel of a file by name, half and float alike, and its first part's header.
+
+    A channel of a part may be called by its own name or by ``PART.CHANNEL``; where several parts
+    have a channel of that name, only by the second.
+    """
+
+    planes: Planes
+    attributes: Mapping[str, Any]
+
+
+def read_parts(path: Path, *, encoded: bool = False, judged: bool = False) -> ExrParts:
+    """Read an OpenEXR file; all its parts count as one picture.
 
     Parameters
     ----------
     path : Path
-        The extension chooses the format.
-    data : ndarray of shape (H, W, C)
-    channels : sequence of str
-        C names.
-    types : sequence of str, optional
-        What to store each channel as, ``"half"`` or ``"float"``; by default as `data`.
-    attributes : mapping, optional
-        For the header.
+    encoded : bool
+        It was said to hold encoded colour.
+    judged : bool
+        What its header says has been looked at.
 
     Raises
     ------
-    OSError
-        If the folder is missing or cannot be written to, or the disk is full.
+    FileNotFoundError
+        If there is no such file.
     InputError
-        If the format is unknown or cannot hold the data.
+        If it is not a whole image, its parts differ in size, or its header says what no reader
+        honours (`pipeline.statements`).
     """
-    height, width, count = data.shape
-    with whole_path(path, path.suffix) as temporary:
-        target = oiio.ImageOutput.create(str(temporary))
-        if target is None:
-            oiio.geterror()  # it names the temporary file
-            raise InputError(f"{path}: must end as an image format does, such as .png or .exr")
-        if target.format_name() in _NEEDS_ROOM:  # OpenImageIO would not say what stands against it
-            temporary.write_bytes(bytes(2 * data.nbytes + _HEAD))
-        spec = oiio.ImageSpec(width, height, count, _oiio_type(data.dtype))
-        spec.channelnames = tuple(channels)
-        spec.attribute("oiio:UnassociatedAlpha", 1)
-        if types:
-            spec.channelformats = tuple(types)
-        if path.suffix.lower() == ".exr":
-            spec.attribute("DateTime", _NO_TIME)
-        for name, value in (attributes or {}).items():
-            spec.attribute(name, value)
-        done = target.open(str(temporary), spec) and target.write_image(np.ascontiguousarray(data))
-        if not (target.close() and done):
-            raise write_error(path, visible_line(target.geterror()))
-        _check_whole(path, temporary, data.shape)
+    if not path.is_file():
+        raise FileNotFoundError(2, "No such file", str(path))
+    with reading(path, "a whole image", InputError):  # names in its header may be no UTF-8
+        check_fits(path, "read")
+        file, kind = _read_parts(path)
+        if not judged:
+            check_statements(path, kind, file.attributes, ("colour", "numbers"), encoded=encoded)
+        return file
 
 
-def _check_whole(path: Path, temporary: Path, shape: tuple[int, ...]) -> None:
-    """Read the file back: on a full disk OpenImageIO writes half of it and reports success."""
+def _read_parts(path: Path) -> tuple[ExrParts, str]:
+    source = oiio.ImageInput.open(str(path))
+    if source is None:
+        reason = visible_line(oiio.geterror())
+        raise InputError(f"{path}: must be an image in OpenEXR format ({reason})")
+    stored: list[tuple[str, str, NDArray[np.float32]]] = []  # of each channel: part, name, numbers
+    attributes: dict[str, Any] = {}
     try:
-        whole = _read_pixels(temporary, ours=True).data.shape == shape
-    except InputError:
-        whole = False
-    if whole:
-        whole = temporary.read_bytes().endswith(_ENDS.get(path.suffix.lower(), b""))
-    if not whole:
-        raise write_error(path, f"the file came out incomplete; {FREE_SPACE}")
+        kind = source.format_name()
+        part = values = 0
+        while source.seek_subimage(part, 0):
+            spec = source.spec()
+            values += spec.width * spec.height * spec.nchannels
+            check_values(path, values)
+            check_flat(path, spec)
+            label = spec.get_string_attribute("oiio:subimagename") or spec.get_string_attribute(
+                "name"
+            )
+            attributes = attributes or {item.name: item.value for item in spec.extra_attribs}
+            data = in_display_window(path, spec, kind, _part(path, source, spec, part))
+            if stored and data.shape[:2] != stored[0][2].shape:
+                height, width = stored[0][2].shape
+                raise InputError(
+                    f"{path}: its parts must have one size (got {width}x{height} and"
+                    f" {data.shape[1]}x{data.shape[0]})"
+                )
+            taken = {entry[0] for entry in stored}
+            label = label if label and label not in taken else f"part{part}"
+            stored += [
+                (label, name, np.ascontiguousarray(data[..., index]))
+                for index, name in enumerate(spec.channelnames)
+            ]
+            part += 1
+    finally:
+        source.close()
+    return ExrParts(_planes_of(stored), attributes), kind
 
 
-def write_error(path: Path, reason: str) -> Exception:
-    """Return the exception for a file that a library did not write whole; its reason is named."""
-    if shutil.disk_usage(path.parent).free == 0:
-        return OSError(28, "No space left on device", str(path))
-    return InputError(f"{path}: cannot be written ({reason})")
-
-
-def _oiio_type(dtype: np.dtype[Any]) -> str:
-    names = {"uint8": "uint8", "uint16": "uint16", "float16": "half", "float32": "float"}
-    if dtype.name not in names:
-        raise InputError(f"pixels must be one of {', '.join(names)} (got {dtype.name})")
-    return names[dtype.name]
-
-
-_HEAD = 1 << 16
-_HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
-_SHOWN = (1, 2, 6, 13, 14, 15)  # transfers that are shown as sRGB, or not said
-_PRIMARIES = (1, 2)
-_CURE = "save it as PNG or JPEG"
-
-
-def opened_avif(path: Path) -> Image.Image | None:
-    """Open an AVIF picture of 8 bits; None where a file is none.
-
-    Raises
-    ------
-    InputError
-        If it is HEIC, is damaged, holds several pictures, has more bits or another range of
-        colour, or Pillow has no decoder.
-    """
-    with path.open("rb") as file:
-        head = file.read(_HEAD)
-    brands = head[8 : min(int.from_bytes(head[:4]), 256)] if head[4:8] == b"ftyp" else b""
-    if not {b"avif", b"avis"} & {brands[at : at + 4] for at in range(0, len(brands), 4)}:
-        if brands.startswith(_HEIC):
-            raise InputError(f"{path}: is HEIC, which is not read; {_CURE}")
-        return None
-    if not features.check("avif"):
-        raise InputError(f"{path}: is AVIF, which this Pillow does not read; {_CURE}")
-    depths = re.findall(rb"pixi.{5}(.)", head, re.DOTALL)
-    colours = re.findall(rb"colrnclx(..)(..)", head, re.DOTALL)
-    if any(depth[0] > 8 for depth in depths) or any(
-        int.from_bytes(first) not in _PRIMARIES or int.from_bytes(curve) not in _SHOWN
-        for first, curve in colours
-    ):
+def _part(path: Path, source: Any, spec: oiio.ImageSpec, part: int) -> NDArray[np.float32]:
+    """Numbers of a part, shape (H, W, C); those of whole numbers as they are, not as shares."""
+    data: Any = source.read_image(part, 0, 0, spec.nchannels, "float")
+    whole = [
+        index
+        for index in range(spec.nchannels)
+        if str(spec.channelformats[index] if spec.channelformats else spec.format) == "uint"
+    ]
+    plain = [source.read_image(part, 0, index, index + 1, "uint") for index in whole]
+    if data is None or source.geterror() or any(plane is None for plane in plain):
         raise InputError(
-            f"{path}: an AVIF picture must have 8 bits and the colours of sRGB (has more); {_CURE}"
+            f"{path}: must be a whole image; the file is damaged or was cut short: copy or make it"
+            " again"
         )
-    with reading(path, "a whole AVIF picture", InputError):
-        image = Image.open(path, formats=["AVIF"])
-    if (pictures := getattr(image, "n_frames", 1)) > 1:
-        image.close()
-        raise InputError(f"{path}: must hold one picture (holds {pictures}); {_CURE}")
-    return image
+    data = np.asarray(data, np.float32).reshape(spec.height, spec.width, spec.nchannels)
+    for index, plane in zip(whole, plain, strict=True):
+        data[..., index] = np.asarray(plane).reshape(spec.height, spec.width)
+    return np.asarray(data, np.float32)
+
+
+def _planes_of(stored: list[tuple[str, str, NDArray[np.float32]]]) -> Planes:
+    names = [name for _, name, _ in stored]
+    several = len({part for part, _, _ in stored}) > 1
+    planes = Planes()
+    for part, name, plane in stored:
+        full = f"{part}.{name}"
+        key = full if names.count(name) > 1 else name
+        planes[key] = planes.aliases[full] = plane
+        if several:
+            planes.parts[key] = part
+    return planes
+
+
+def as_floats(picture: NDArray[np.float32] | NDArray[np.uint8]) -> NDArray[np.float32]:
+    """A picture that is checked, in [0, 1]."""
+    if picture.dtype == np.uint8:
+        return from_integers(np.asarray(picture, np.uint8))
+    return np.asarray(picture, np.float32)

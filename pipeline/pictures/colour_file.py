@@ -1,13 +1,16 @@
-"""Any picture file as encoded colour, and what had to be decided on the way.
+"""Image files as encoded colour, and encoded colour as image files.
 
 Integers (PNG, JPEG, TIFF, ...) are display-referred R'G'B' as stored. Floats (OpenEXR, Radiance,
-float TIFF) are scene-linear light with sRGB primaries, encoded by the sRGB curve, unless told
-otherwise. Whatever is changed or left out is said.
+float TIFF) are scene-linear light with sRGB primaries, encoded by the sRGB curve on import and
+decoded on export, unless told that the file holds encoded values. `load_colour` refuses what has
+to be decided; `read_any` decides it, and says what was changed or left out.
 """
 
 from __future__ import annotations
 
+import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,21 +19,190 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.colour import encode_srgb
-from pipeline.errors import InputError
-from pipeline.foveation.picture_fixation import as_floats
-from pipeline.image_file import (
-    StoredPixels,
-    check_fits,
-    check_picture,
-    count_pictures,
-    from_integers,
-    read_pixels,
-    stated_size_px,
+from pipeline.colour import decode_srgb, encode_srgb
+from pipeline.errors import InputError, note
+from pipeline.frame import check_colour
+from pipeline.pictures.channels import (
+    Channels,
+    alpha_of,
+    colour_layer,
+    light_of,
+    need,
+    told_name,
 )
-from stimuli.exr import NEARLY, Transfer, check_finite, is_layered, stored_transfer
-from stimuli.media.channels import alpha_of, colour_layer, need
-from stimuli.media.exr_parts import read_parts
+from pipeline.pictures.decode import (
+    StoredPixels,
+    as_floats,
+    check_picture,
+    from_integers,
+    read_parts,
+    read_pixels,
+    three_channels,
+)
+from pipeline.pictures.header import check_fits, count_pictures, stated_size_px
+from pipeline.pictures.write import write_pixels
+
+TRANSFER = "metamerlab:transfer"
+NEARLY = 1 / 256
+"""Light outside [0, 1] that lossy compression and filters leave, and no display shows."""
+
+
+class Transfer(enum.StrEnum):
+    """Meaning of the numbers of a float file."""
+
+    LINEAR = "linear"  # scene-linear light, sRGB primaries
+    ENCODED = "encoded"  # display-referred R'G'B', as this project works on
+
+
+def stored_transfer(path: Path, attributes: Mapping[str, Any]) -> Transfer:
+    """Return the transfer that the header states; left out, scene-linear light.
+
+    Raises
+    ------
+    InputError
+        If it says something else.
+    """
+    said = str(attributes.get(TRANSFER, Transfer.LINEAR))
+    try:
+        return Transfer(said)
+    except ValueError:
+        raise InputError(
+            f"{path}: {TRANSFER} must be {' or '.join(Transfer)} (the header says {said[:40]!r})"
+        ) from None
+
+
+def load_colour(
+    path: str | Path,
+    *,
+    transfer: Transfer | None = None,
+    clip: bool = False,
+    channels: Channels | None = None,
+) -> NDArray[np.float32]:
+    """Read encoded colour.
+
+    Parameters
+    ----------
+    path : str or Path
+    transfer : Transfer, optional
+        Of float files; by default what the file says, or `Transfer.LINEAR`.
+    clip : bool
+        Clip linear light to [0, 1] instead of refusing what a display cannot show.
+    channels : Channels, optional
+        Names of colour in an OpenEXR file of several layers.
+
+    Returns
+    -------
+    ndarray of float32, shape (H, W, 3)
+        R'G'B' in [0, 1].
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    InputError
+        If it is not a whole image, has other channels than red, green and blue (or one
+        grey), is transparent, is stored turned, or has values that are NaN or outside [0, 1].
+        Of an OpenEXR file, further channels are left out.
+    """
+    path = Path(path)
+    check_fits(path, "read")
+    pixels = read_pixels(path)
+    if is_layered(path, pixels):
+        told, file = channels or Channels(), read_parts(path, encoded=transfer is Transfer.ENCODED)
+        layer = colour_layer(path, file.planes, told_name(file.planes, told.depth))
+        light = light_of(path, file.planes, told, layer)
+        return encoded_light(path, light, transfer or stored_transfer(path, file.attributes), clip)
+    data = three_channels(path, pixels, encoded=transfer is Transfer.ENCODED)
+    if pixels.data.dtype.kind == "u":
+        return from_integers(data)
+    stored = stored_transfer(path, pixels.attributes)
+    return encoded_light(path, data, transfer or stored, clip)
+
+
+def is_layered(path: Path, pixels: StoredPixels) -> bool:
+    """True if a file is of OpenEXR and holds more than one picture's colour, grey and alpha."""
+    if pixels.kind != "openexr":
+        return False
+    return not {*pixels.channels} <= {*"RGBAYL"} or count_pictures(path) > 1
+
+
+def save_colour(path: str | Path, colour: NDArray[np.float32], *, bits: int | None = None) -> None:
+    """Write encoded colour: PNG of 8 (default) or 16 bits, or linear OpenEXR of 16 (half) or 32.
+
+    Raises
+    ------
+    InputError
+        If `colour` breaks the rules of `pipeline.frame.check_colour`, or `bits` is not one
+        of the format's.
+    OSError
+        If the file cannot be written; nothing is left behind then.
+    """
+    check_colour(colour, "colour")
+    path = Path(path)
+    if path.suffix.lower() == ".exr":
+        kind = "half" if _chosen_bits(path, bits, (16, 32)) == 16 else "float"
+        attributes = {TRANSFER: Transfer.LINEAR.value, "compression": "zip"}
+        write_pixels(
+            path, linear_light(colour), ("R", "G", "B"), types=(kind,) * 3, attributes=attributes
+        )
+        return
+    dtype = np.uint8 if _chosen_bits(path, bits, (8, 16)) == 8 else np.uint16
+    steps = np.empty(colour.shape, dtype)
+    for row, values in zip(steps, colour, strict=True):  # one at a time: memory
+        row[:] = np.rint(values * np.iinfo(dtype).max)
+    write_pixels(path, steps, ("R", "G", "B"))
+
+
+def check_finite(path: Path, colour: NDArray[Any]) -> None:
+    """Refuse colour, shape (H, W, C), that is infinite or no number.
+
+    Raises
+    ------
+    InputError
+        With the first such pixel.
+    """
+    if not np.isfinite(colour).all():
+        row, column = np.argwhere(~np.isfinite(colour).all(axis=-1))[0]
+        raise InputError(
+            f"{path}: colour must be finite (found {colour[row, column]} at row {row},"
+            f" column {column}); render it again, or mend these pixels"
+        )
+
+
+def encoded_light(
+    path: Path, data: NDArray[np.floating], transfer: Transfer, clip: bool
+) -> NDArray[np.float32]:
+    data = data.astype(np.float32)
+    check_finite(path, data)
+    beyond = np.maximum(-data, data - 1).max(axis=-1)
+    outside = int((beyond > 0).sum())
+    if outside and not clip:
+        row, column = np.argwhere(beyond == beyond.max())[0]
+        if beyond.max() > NEARLY:
+            cure = "lower the exposure, or allow clipping" if data.max() > 1 else "allow clipping"
+            raise InputError(
+                f"{path}: colour must lie in [0, 1] (found {data[row, column]} at row {row}, column"
+                f" {column}, and {outside - 1} more such pixels); {cure}"
+            )
+        note(path, f"{outside} pixels lie up to {beyond.max():.2g} outside [0, 1]: clipped")
+    data = data.clip(0, 1)
+    if transfer is Transfer.LINEAR:
+        # In float64, so that white is exactly 1.
+        data = encode_srgb(data.astype(np.float64)).astype(np.float32)
+    return data
+
+
+def linear_light(colour: NDArray[np.float32]) -> NDArray[np.float32]:
+    return decode_srgb(colour.astype(np.float64)).astype(np.float32)
+
+
+def _chosen_bits(path: Path, bits: int | None, offered: tuple[int, int]) -> int:
+    if bits is not None and bits not in offered:
+        raise InputError(
+            f"{path}: {path.suffix} is written with {offered[0]} or {offered[1]} bits (got {bits})"
+        )
+    return bits or offered[0]
+
 
 EXPOSED_SHARE = 0.99
 _GREY = ("Y", "L", "I")
@@ -100,7 +272,7 @@ class AnyPicture:
 def read_any(
     path: Path, reading: PictureReading | None = None, command: str = "read"
 ) -> AnyPicture:
-    """Read a picture of whatever kind, for a command of `pipeline.picture_limits.NEEDS`.
+    """Read a picture of whatever kind, for a command of `pipeline.pictures.size_limits.NEEDS`.
 
     Raises
     ------
