@@ -25,8 +25,14 @@ from protocols.make_script import Scripts
 from protocols.plan import Plan
 from protocols.study_file.session_schema import ClosingQuestion, Response, Texts, consent_text, fill
 from protocols.viewing import Viewing
-from study_app.attempt import AttemptLog, AttemptResult, GazeWatcher, run_attempt
-from study_app.attempt_record import WatchedGaze, attempt_event
+from study_app.attempt import (
+    AttemptLog,
+    AttemptResult,
+    GazeWatcher,
+    WatchedGaze,
+    attempt_event,
+    run_attempt,
+)
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.gaze_check import GazeCheck
 from study_app.gaze.saccades import SaccadeWatch

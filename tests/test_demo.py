@@ -24,9 +24,8 @@ from protocols.errors import StudyError
 from protocols.manifest import read_manifest
 from study_app.cli import app
 from study_app.cli.demo import demonstration
-from study_app.cli.demo.demonstration import run_demo
+from study_app.cli.demo.demonstration import PROGRAMS, run_demo
 from study_app.cli.demo.steps import Options, run_commands, steps_of
-from study_app.cli.demo.xvfb import PROGRAMS
 from study_app.session_folders import find_sessions
 
 SMALLER = {

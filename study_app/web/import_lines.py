@@ -62,8 +62,7 @@ from protocols.manifest import Manifest
 from protocols.plan import make_plan
 from protocols.study_file.problems import in_words
 from protocols.study_file.schema import StudyProtocol
-from study_app.attempt import AttemptLog, run_attempt
-from study_app.attempt_record import WatchedGaze, attempt_event
+from study_app.attempt import AttemptLog, WatchedGaze, attempt_event, run_attempt
 from study_app.recorder import Recorder, journal_held, write_numbered
 from study_app.session import (
     AskConsent,

@@ -37,7 +37,7 @@ from study_app.gaze.validation import (
 from study_app.operator_view import attempt_line, rows, standing
 from study_app.pages import PageLayout, words_image
 from study_app.paint import target_image
-from study_app.session_folders import find_sessions, next_slot
+from study_app.session_folders import find_sessions, next_slot, withdraw
 from study_app.stage import Page
 from study_app.text_image import (
     UnwritableError,
@@ -48,7 +48,6 @@ from study_app.text_image import (
     writable,
 )
 from study_app.virtual import VirtualClock
-from study_app.withdrawal import withdraw
 
 FHD = load_display("fhd27-60hz")
 GAZE = load_protocol(Path("demo")).gaze

@@ -14,8 +14,8 @@ from protocols.load import load_display, load_protocol
 from protocols.study_file.schema import StudyProtocol
 from study_app.cli import app
 from study_app.gaze.simulated import STEADY
+from study_app.session_folders import withdraw
 from study_app.simulate import SimulatedStudy, simulate_study
-from study_app.withdrawal import withdraw
 
 DISPLAY = """
 name = "desk"

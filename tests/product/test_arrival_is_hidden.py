@@ -22,8 +22,7 @@ from protocols.study_file.plausible import study_notes
 from protocols.study_file.preregister import preregistration, to_markdown
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.task_kinds import TASKS
-from study_app.session_folders import next_slot
-from study_app.withdrawal import withdraw
+from study_app.session_folders import next_slot, withdraw
 
 SECRET = "0123456789abcdef" * 4
 OTHER = "fedcba9876543210" * 4

@@ -6,12 +6,14 @@ import json
 import os
 import shutil
 from base64 import b64encode
+from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from importlib.resources import as_file, files
 from mimetypes import guess_type
 from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
 from typing import Any
 
 from markupsafe import Markup
@@ -21,6 +23,7 @@ from protocols.blocks import MediaFile, MediaRow
 from protocols.disk.hashing import sha256_json
 from protocols.disk.result_folder import remove_listed, unlisted, write_listing
 from protocols.disk.whole_file import write_whole
+from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.html_page import html_page
 from protocols.load import load_study
@@ -28,8 +31,67 @@ from protocols.outside import page_bytes
 from protocols.revision import code_revision, package_version
 from stimuli.batch.executors import LocalProcesses, cores, local_processes
 from study_app.cli.demo.steps import SCREEN, Options, Said, Step, run_commands, steps_of
-from study_app.cli.demo.xvfb import require_screen, virtual_screen
 from study_app.session_folders import is_stillborn
+
+PROGRAMS = ("Xvfb", "openbox")
+
+
+def require_screen() -> None:
+    """Refuse, with the cure, where no screen can be made.
+
+    Raises
+    ------
+    StudyError
+        Naming the missing programs.
+    """
+    missing = [name for name in PROGRAMS if shutil.which(name) is None]
+    if missing:
+        raise StudyError(
+            f"--all needs a window, and with it {' and '.join(PROGRAMS)} (missing:"
+            f" {', '.join(missing)}); install them ('apt-get install xvfb openbox'), or show the"
+            " window on your own screen (--display FILE), or do without it (leave out --all)"
+        )
+
+
+@contextmanager
+def virtual_screen(display: Display) -> Iterator[dict[str, str]]:
+    """Start an X server of the display's size; it ends with the context.
+
+    Yields
+    ------
+    dict of str to str
+        What the environment of a program has that shall open its window there.
+
+    Raises
+    ------
+    StudyError
+        If the server does not start.
+    """
+    with ExitStack() as stack:
+        reading, writing = os.pipe()
+        command = [
+            "Xvfb", "-displayfd", str(writing), "-screen", "0",
+            f"{display.width_px}x{display.height_px}x24", "-nolisten", "tcp",
+        ]  # fmt: skip
+        server = stack.enter_context(
+            Popen(command, pass_fds=(writing,), stdout=DEVNULL, stderr=PIPE, text=True)
+        )
+        stack.callback(server.terminate)
+        os.close(writing)
+        with os.fdopen(reading) as pipe:
+            number = pipe.readline().strip()
+        if not number:
+            said = server.stderr.read() if server.stderr else ""
+            raise StudyError(
+                f"Xvfb must start (it said: {said.strip() or 'nothing'}); mend that, or leave out"
+                " --all, which wants a window"
+            )
+        env = {"DISPLAY": f":{number}", "LIBGL_ALWAYS_SOFTWARE": "1"}
+        manager = Popen(["openbox"], env=os.environ | env, stdout=DEVNULL, stderr=DEVNULL)
+        stack.enter_context(manager)
+        stack.callback(manager.terminate)
+        yield env
+
 
 RECORD_NAME = "demo.json"
 PAGE_NAME = "index.html"

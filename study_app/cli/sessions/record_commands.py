@@ -34,10 +34,9 @@ from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say, table_of
 from study_app.operator_view import rows
 from study_app.recorder import utc_now
-from study_app.session_folders import SessionFolder
+from study_app.session_folders import SessionFolder, find_participant
+from study_app.session_folders import withdraw as withdraw_participant
 from study_app.verification import verify as verify_session
-from study_app.withdrawal import find_participant
-from study_app.withdrawal import withdraw as withdraw_participant
 
 if TYPE_CHECKING:  # what draws is imported when a command does
     from study_app.live.redraw import RedrawResult, Screens, TrialDrawer

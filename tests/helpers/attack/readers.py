@@ -58,7 +58,7 @@ from stimuli.scenes.mesh_file import load_world
 from stimuli.score.viewing_conditions import open_viewing, read_gaze
 from study_app.archive.read_archive import check, opened
 from study_app.archive.write_archive import ArchiveOptions, write_archive
-from study_app.attempt_record import FLIPS_HEADER, LIVE_HEADER
+from study_app.attempt import FLIPS_HEADER, LIVE_HEADER
 from study_app.gaze.recording import load_recording
 from study_app.gaze.simulated import STEADY
 from study_app.live.log import LiveLog, read_log

@@ -16,7 +16,7 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from protocols.study_file.schema import StudyProtocol
 from protocols.viewing import Viewing
-from study_app.attempt_record import _gaze_csv
+from study_app.attempt import _gaze_csv
 from study_app.conduct import conduct
 from study_app.desktop.desktop_watch import SleepWatch
 from study_app.gaze.fixation import FixationMonitor
