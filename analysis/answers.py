@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from analysis.arrays import Bools, Floats, Ints
 
@@ -27,7 +26,7 @@ class SimulatedAnswers:
         Logarithms of reaction times, s, as `given`; None: they are not drawn.
     """
 
-    given: NDArray[Any]
+    given: NDArray[np.generic]
     cells: pd.DataFrame
     times: Floats | None = None
 
@@ -52,7 +51,7 @@ class SimulatedAnswers:
         times = None if self.times is None else self.times[chosen]
         return replace(self, given=self.given[chosen], times=times)
 
-    def rows(self) -> tuple[pd.DataFrame, NDArray[Any]]:
+    def rows(self) -> tuple[pd.DataFrame, NDArray[np.generic]]:
         """Return a row per trial of the first study, and what was answered.
 
         Columns are those of the cells and of decisions: participant, session, trial, order; and
@@ -78,7 +77,7 @@ class SimulatedAnswers:
         return rows, _by_row(self.given)
 
 
-def _by_row(values: NDArray[Any]) -> NDArray[Any]:
+def _by_row(values: NDArray[np.generic]) -> NDArray[np.generic]:
     return np.asarray(values[:, 0].transpose(1, 2, 0).ravel())
 
 
@@ -102,9 +101,9 @@ def crossed_effects(
     return found
 
 
-def codes_of(*columns: Any) -> Ints:
+def codes_of(*columns: ArrayLike) -> Ints:
     """Return the number of each row's combination of values."""
-    codes = np.zeros(len(columns[0]), dtype=np.int64)
+    codes = np.zeros(np.asarray(columns[0]).size, dtype=np.int64)
     for column in columns:
         own = pd.factorize(np.asarray(column))[0]
         codes = np.unique(codes * (int(own.max()) + 1) + own, return_inverse=True)[1].ravel()

@@ -28,7 +28,7 @@ Found = tuple[dict[str, float], tuple[str, ...]]
 FEW_IN_PILOT = 12
 """Participants, or scenes, below which a deviation is a rough guess."""
 TOO_NEAR = 0.05
-"""Of a mean share to chance, or to 1: there d' says nothing of shares, or shares nothing of d'."""
+"""Distance of a mean share from chance or 1, below which d' and shares say little of another."""
 _CANNOT = "--from: deviations cannot be taken from this pilot ({}); give them by --set"
 NO_SPREAD = _CANNOT.format(
     "nearly everyone always answers alike, so that they have no finite estimate"

@@ -1,11 +1,11 @@
 """Power of a study by number of participants: answers are drawn, and planned tests made."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, product
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -16,8 +16,7 @@ from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
 from analysis.arrays import Bools, Floats
 from analysis.models.numeric import ROUNDING
 from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, computed, with_added
-from analysis.plots import power_plot
-from analysis.plots.style import Figure
+from analysis.power_curves import DesignPower, Power
 from analysis.showable import FamilyOfTests, two_scenes
 from protocols.errors import StudyError, count_of
 
@@ -201,78 +200,11 @@ class PowerSimulation(ABC, Generic[S]):
         return [f"{number} only: more participants cannot make up for scenes that differ"]
 
 
-@dataclass(frozen=True)
-class DesignPower:
-    """Power of the primary comparison with other numbers of scenes and repeats."""
-
-    scenes: int
-    repeats: int
-    primary: float
-
-
-@dataclass(frozen=True)
-class Power:
-    """Power by number of participants.
-
-    Attributes
-    ----------
-    curves, wrong : mapping of a title to ndarray (numbers of participants,)
-        Power, and false positives.
-    needed : tuple of (which power, goal, participants or None)
-        Empty where the test errs too often to plan by it.
-    numbers : mapping
-        All of it, for `power.json`. ``each`` and ``every``: the mean chance of a comparison, and
-        that of all of them, after correction; ``comparisons``, 0: a single condition was tested
-        against chance; ``also``: every column of the table.
-    """
-
-    participants: tuple[int, ...]
-    planned: int | None
-    curves: Mapping[str, Floats]
-    wrong: Mapping[str, Floats]
-    needed: tuple[tuple[str, float, int | None], ...]
-    designs: tuple[DesignPower, ...]
-    lead: str
-    legend: str
-    warnings: tuple[str, ...]
-    numbers: Mapping[str, Any] = field(repr=False)
-
-    def rows(self) -> Iterator[dict[str, str]]:
-        """Yield the rows of a table: a dozen numbers of participants, and the planned one."""
-        people = self.participants
-        shown = {*range(0, len(people), max(1, len(people) // 12))}
-        for i in sorted(shown | {i for i, n in enumerate(people) if n == self.planned}):
-            yield {
-                "participants": f"{people[i]}{' (planned)' * (people[i] == self.planned)}",
-                **{name: f"{values[i]:.2f}" for name, values in self.curves.items()},
-                **{name: f"{values[i]:.3f}" for name, values in self.wrong.items()},
-            }
-
-    def needs(self) -> Iterator[str]:
-        """Yield the participants that it takes for each power, in words."""
-        most = f"more than {self.participants[-1]}"
-        for name, goal, number in self.needed:
-            yield f"{name}, power {goal:.0%}: {number or most} participants"
-
-    def draw(self, width_in: float) -> Figure:
-        """Draw the curves."""
-        return power_plot(self.participants, self.curves, planned=self.planned, width_in=width_in)
-
-    def draw_designs(self, width_in: float) -> Figure:
-        """Draw power over numbers of scenes and repeats."""
-        lines: dict[str, list[float]] = {}
-        for one in self.designs:
-            lines.setdefault(count_of(one.repeats, "repeat"), []).append(one.primary)
-        return power_plot(
-            sorted({one.scenes for one in self.designs}),
-            {name: np.array(line) for name, line in lines.items()},
-            x_label=f"Scenes, with {self.planned or self.participants[-1]} participants",
-            width_in=width_in,
-        )
+AnySimulation: TypeAlias = PowerSimulation[Any]
 
 
 def power(
-    simulation: PowerSimulation[Any],
+    simulation: AnySimulation,
     assumed: Mapping[str, float],
     *,
     rng: np.random.Generator,
@@ -299,46 +231,18 @@ def power(
         If an assumption is beyond its limits, or a number of participants below 2.
     """
     taken, plan, planned = _checked(simulation, assumed), simulation.plan, simulation.planned
-    nothing = _nothing(simulation, taken)
-    # A statistic of a lab may be about all that is shown, not the planned test's part of it.
-    lab = len(with_added(simulation.parts)) > len(simulation.parts)
-    deciding = simulation if lab or simulation.timed else simulation.deciding()
     tables, notes = _by_table(simulation, taken)
     people = tuple(participants or simulation.participants())
     people = thinned(people, planned) if tables and participants is None else people
     if min(people) < 2:
         raise ValueError(f"participants must be at least 2 (got {min(people)})")
     count = studies or (BY_TABLE if tables else simulation.studies)
-    yes: dict[str, list[Bools]] = {}
-    no: dict[str, list[Bools]] = {}
-    for batch in _batches(simulation, count, progress):
-        true = _tests(simulation, taken, batch, people, rng, tables)
-        null = _tests(deciding, nothing, batch, people, rng, tables)
-        first = next(iter(true))
-        for name in true:
-            test = null[name] if name == EQUIVALENCE else true[name]
-            yes.setdefault(name, []).append(test() < plan.alpha)
-            if name == first or name not in ("", EQUIVALENCE):
-                no.setdefault(name, []).append(null[name]() < plan.alpha)
-    found = {name: np.concatenate(batches) for name, batches in yes.items()}
-    wrong = {name: np.concatenate(some).any(axis=-1).mean(axis=0) for name, some in no.items()}
+    batches = _batches(simulation, count, progress)
+    found, wrong = _significant(simulation, taken, batches, people, rng, tables)
+    first = next(iter(found))
     each = {name: one.mean(axis=(0, -1)) for name, one in found.items()}
     every = {name: one.all(axis=-1).mean(axis=0) for name, one in found.items()}
-    family = found.get("", found[first])
-    curves: dict[str, Floats] = {}
-    for name, one in found.items():
-        title = _title(name)
-        if one.shape[-1] > 1:
-            singled = () if name else simulation.singled_out(taken)
-            curves |= dict(zip(singled, one.mean(axis=0).T, strict=False))
-            before = f"{title}: " * bool(name)
-            curves |= {
-                f"{before}a comparison": each[name],
-                f"{before}every comparison": every[name],
-            }
-        elif name == first or name:
-            alone = "better than chance" if simulation.chance_alone else "the comparison"
-            curves[title or alone] = each[name]
+    curves = _curves(simulation, taken, found, each, every)
     titled = {
         f"{f'{_title(name)}: ' * (name != first)}false positives": one
         for name, one in wrong.items()
@@ -360,53 +264,113 @@ def power(
     if planned is not None:
         notes += [note for one in families for note in one.hopeless(planned, plan.alpha)]
     if EQUIVALENCE in each:
-        equal = each[EQUIVALENCE]
-        shown = equal[people.index(planned)] if planned in people else equal.max()
-        notes += [
-            f"equivalence within ±{plan.margin:g} would be shown in {shown:.2f} of such studies"
-            " even if the share were one half: do not plan to claim it"
-        ] * bool(shown < CANNOT_SHOW)
+        notes += _hardly_equivalent(simulation, people, each[EQUIVALENCE])
     needed = tuple(
         (name, goal, first_reaching(people, curve, goal))
         for name, curve in curves.items()
         for goal in (() if errs else (0.8, 0.9))
     )
     changed = _designs(simulation, taken, max(people), count, rng) if designs else ()
+    family = found.get("", found[first])
     comparisons = 0 if simulation.chance_alone else family.shape[-1]
     tested = f"{count_of(comparisons, 'comparison')}{simulation.against}"
+    numbers = {
+        "participants": people,
+        "planned": planned,
+        "studies": count,
+        "alpha": plan.alpha,
+        **({"margin": plan.margin} if EQUIVALENCE in each else {}),
+        "assumptions": taken,
+        "comparisons": comparisons,
+        "each": each.get("", each[first]),
+        "every": every.get("", every[first]),
+        "false_positives": wrong[first],
+        **{name: each[name] for name in ("primary", EQUIVALENCE) if name in each},
+        "also": {**curves, **titled},
+        "designs": changed,
+        "needed": needed,
+        "warnings": notes,
+    }
+    lead = (
+        f"{count} simulated studies; {simulation.taken(taken)}; alpha {plan.alpha:g},"
+        f" {tested if comparisons else 'one condition against chance'}"
+    )
+    legend = _legend(simulation, found, people)
     return Power(
-        participants=people,
-        planned=planned,
-        curves=curves,
-        wrong=titled,
-        needed=needed,
-        designs=changed,
-        lead=f"{count} simulated studies; {simulation.taken(taken)}; alpha {plan.alpha:g},"
-        f" {tested if comparisons else 'one condition against chance'}",
-        legend=_legend(simulation, found, people),
-        warnings=tuple(notes),
-        numbers={
-            "participants": people,
-            "planned": planned,
-            "studies": count,
-            "alpha": plan.alpha,
-            **({"margin": plan.margin} if EQUIVALENCE in each else {}),
-            "assumptions": taken,
-            "comparisons": comparisons,
-            "each": each.get("", each[first]),
-            "every": every.get("", every[first]),
-            "false_positives": wrong[first],
-            **{name: each[name] for name in ("primary", EQUIVALENCE) if name in each},
-            "also": {**curves, **titled},
-            "designs": changed,
-            "needed": needed,
-            "warnings": notes,
-        },
+        people, planned, curves, titled, needed, changed, lead, legend, tuple(notes), numbers
     )
 
 
+def _significant(
+    simulation: AnySimulation,
+    taken: Mapping[str, float],
+    batches: Iterable[int],
+    people: Sequence[int],
+    rng: np.random.Generator,
+    tables: Sequence[AnyPart],
+) -> tuple[dict[str, Bools], dict[str, Floats]]:
+    """Return which tests are significant, and the share of studies with any that should not be."""
+    alpha, nothing = simulation.plan.alpha, _nothing(simulation, taken)
+    # A statistic of a lab may be about all that is shown, not the planned test's part of it.
+    lab = len(with_added(simulation.parts)) > len(simulation.parts)
+    deciding = simulation if lab or simulation.timed else simulation.deciding()
+    yes: dict[str, list[Bools]] = {}
+    no: dict[str, list[Bools]] = {}
+    for batch in batches:
+        true = _tests(simulation, taken, batch, people, rng, tables)
+        null = _tests(deciding, nothing, batch, people, rng, tables)
+        first = next(iter(true))
+        for name in true:
+            test = null[name] if name == EQUIVALENCE else true[name]
+            yes.setdefault(name, []).append(test() < alpha)
+            if name == first or name not in ("", EQUIVALENCE):
+                no.setdefault(name, []).append(null[name]() < alpha)
+    found = {name: np.concatenate(some) for name, some in yes.items()}
+    wrong = {name: np.concatenate(some).any(axis=-1).mean(axis=0) for name, some in no.items()}
+    return found, wrong
+
+
+def _curves(
+    simulation: AnySimulation,
+    taken: Mapping[str, float],
+    found: Mapping[str, Bools],
+    each: Mapping[str, Floats],
+    every: Mapping[str, Floats],
+) -> dict[str, Floats]:
+    """Return power by title: of each test, and of single comparisons where they differ."""
+    first = next(iter(found))
+    curves: dict[str, Floats] = {}
+    for name, one in found.items():
+        title = _title(name)
+        if one.shape[-1] > 1:
+            singled = () if name else simulation.singled_out(taken)
+            curves |= dict(zip(singled, one.mean(axis=0).T, strict=False))
+            before = f"{title}: " * bool(name)
+            curves |= {
+                f"{before}a comparison": each[name],
+                f"{before}every comparison": every[name],
+            }
+        elif name == first or name:
+            alone = "better than chance" if simulation.chance_alone else "the comparison"
+            curves[title or alone] = each[name]
+    return curves
+
+
+def _hardly_equivalent(
+    simulation: AnySimulation, people: Sequence[int], equal: Floats
+) -> list[str]:
+    """Say if a study could hardly show equivalence where there is nothing."""
+    shown = equal[people.index(simulation.planned)] if simulation.planned in people else equal.max()
+    if shown >= CANNOT_SHOW:
+        return []
+    return [
+        f"equivalence within ±{simulation.plan.margin:g} would be shown in {shown:.2f} of such"
+        " studies even if the share were one half: do not plan to claim it"
+    ]
+
+
 def planned_p_values(
-    simulation: PowerSimulation[Any],
+    simulation: AnySimulation,
     assumed: Mapping[str, float],
     participants: Sequence[int],
     *,
@@ -426,7 +390,7 @@ def planned_p_values(
     return np.concatenate([test().min(axis=-1) for test in first])
 
 
-def _nothing(simulation: PowerSimulation[Any], assumed: Mapping[str, float]) -> dict[str, float]:
+def _nothing(simulation: AnySimulation, assumed: Mapping[str, float]) -> dict[str, float]:
     """Return the same assumptions with nothing to find, in answers and in times."""
     return simulation.nothing(assumed) | ({"rt_ratio": 1.0} if simulation.timed else {})
 
@@ -453,7 +417,7 @@ def first_reaching(participants: Sequence[int], curve: Floats, goal: float) -> i
     return int(participants[above[0]]) if above.size else None
 
 
-def _checked(simulation: PowerSimulation[Any], assumed: Mapping[str, float]) -> dict[str, float]:
+def _checked(simulation: AnySimulation, assumed: Mapping[str, float]) -> dict[str, float]:
     """Return a value for every assumption that is made."""
     known = [one.name for one in simulation.assumptions]
     if unknown := sorted(set(assumed) - set(known)):
@@ -468,9 +432,7 @@ def _checked(simulation: PowerSimulation[Any], assumed: Mapping[str, float]) -> 
     return {name: value for name, value in values.items() if not np.isnan(value)}
 
 
-def _batches(
-    simulation: PowerSimulation[Any], studies: int, progress: Counted | None
-) -> Iterator[int]:
+def _batches(simulation: AnySimulation, studies: int, progress: Counted | None) -> Iterator[int]:
     for start, end in pairwise([*range(0, studies, simulation.at_once), studies]):
         yield end - start
         if progress:
@@ -478,7 +440,7 @@ def _batches(
 
 
 def _tests(
-    simulation: PowerSimulation[Any],
+    simulation: AnySimulation,
     assumed: Mapping[str, float],
     studies: int,
     people: Sequence[int],
@@ -497,7 +459,7 @@ def _tests(
 
 
 def _by_tables(
-    simulation: PowerSimulation[Any],
+    simulation: AnySimulation,
     answers: SimulatedAnswers,
     people: Sequence[int],
     part: AnyPart,
@@ -523,7 +485,7 @@ def _by_tables(
 
 
 def _by_table(
-    simulation: PowerSimulation[Any], assumed: Mapping[str, float]
+    simulation: AnySimulation, assumed: Mapping[str, float]
 ) -> tuple[list[AnyPart], list[str]]:
     """Return the parts that are asked about tables, and why others are not."""
     every, own = with_added(simulation.parts), {part.name for part in simulation.parts}
@@ -552,9 +514,7 @@ def _has(part: AnyPart, method: str) -> bool:
     return getattr(type(part), method) is not getattr(Part, method)
 
 
-def _legend(
-    simulation: PowerSimulation[Any], found: Mapping[str, Bools], people: Sequence[int]
-) -> str:
+def _legend(simulation: AnySimulation, found: Mapping[str, Bools], people: Sequence[int]) -> str:
     """Return the meaning of the table's columns."""
     primary = "primary" in found
     said = ["primary: the primary comparison is significant, tested alone"] * primary
@@ -603,7 +563,7 @@ def _errs_too_often(
 
 
 def _designs(
-    simulation: PowerSimulation[Any],
+    simulation: AnySimulation,
     assumed: Mapping[str, float],
     most: int,
     studies: int,

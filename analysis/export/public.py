@@ -24,7 +24,7 @@ OTHER = "other"
 LEFT_OUT = "[left out]"
 _SYSTEMS = ("Linux", "Windows", "macOS", "Darwin")
 _SOURCES = ("eyelink", "gazepoint", "lsl", "mouse", "pupil", "replay", "simulated", "tobii")
-"""Of recordings by 0.3, too."""
+"""Gaze sources, also those of recordings by 0.3."""
 _EVIDENCE = ("", "glXGetSyncValuesOML", "fence", "unverified", "software timer", "virtual")
 _REVISION = re.compile(
     r"(unknown|[0-9]+(\.[0-9a-z]+)*) (unknown|[0-9a-f]{7,40}(\+dirty|\+unchecked)?)"

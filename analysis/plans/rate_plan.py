@@ -44,7 +44,7 @@ class RatePlan(AnalysisPlan):
     """Rate of guessing of psychometric functions; None: unknown."""
     log: bool = False
     shape: Shape = "gauss"
-    """Of psychometric functions: the one that an adaptive rule plans with, else ``gauss``."""
+    """Shape of psychometric functions: an adaptive rule's, else ``gauss``."""
 
     by = SectionKey[str | tuple[str, ...]]()
     by_columns = SectionKey[tuple[str, ...]]()

@@ -6,11 +6,12 @@ options. It loads no statistics, so that they can list them.
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, create_model
 
 from protocols.adaptive.answer_history import Shape
+from protocols.disk.hashing import Json
 from protocols.errors import StudyError, did_you_mean
 from protocols.tasks.base import Analysis
 from protocols.tasks.mixed import MixedAnalysis
@@ -185,7 +186,7 @@ def keys_of(told: type[Analysis]) -> list[str]:
     return [name for name in told.model_fields if name not in NEVER_TOLD]
 
 
-def said_of(told: Analysis) -> dict[str, Any]:
+def said_of(told: Analysis) -> dict[str, Json]:
     """Return kind and keys as JSON has them."""
-    kept = told.model_dump(mode="json", exclude=set(NEVER_TOLD - {"kind"}))
+    kept: dict[str, Json] = told.model_dump(mode="json", exclude=set(NEVER_TOLD - {"kind"}))
     return {name: kept[name] for name in ("kind", *keys_of(type(told))) if name in kept}

@@ -15,7 +15,7 @@ from protocols.tasks.confidence_question import CONFIDENCE
 from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
 
 PREFERENCE_COLUMNS = decided((*SCENE_COLUMNS, *PAIR_COLUMNS), CHOICE_COLUMNS)
-"""Of a table of preferences that no protocol belongs to."""
+"""Columns of a table of preferences that no protocol belongs to."""
 PAIR = ("first", "second")
 KNOWN = (
     *("participant", *PAIR),

@@ -32,7 +32,7 @@ _PLACE: Final = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 _MOST_COLUMNS, _MOST_ROWS, _MOST_LETTERS = (
     FIXED[name].most for name in ("columns", "sheet_rows", "cell")
 )
-"""Of a sheet and of a cell, as Excel has them."""
+"""Limits of a sheet and of a cell, as Excel has them."""
 _DEEPEST: Final = 100
 _PIECE: Final = 1 << 20
 _ELEMENTS: Final = 3

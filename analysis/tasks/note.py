@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 from pydantic import ValidationError
 
@@ -85,7 +85,7 @@ def options_from(kind: str, texts: Mapping[str, str], known: Analysis | None = N
     """
     model = analysis_of(kind).options
     fields = model.model_fields
-    values: dict[str, Any] = {}
+    values: dict[str, object] = {}
     if known is not None:
         values |= {name: getattr(known, name) for name in keys_of(model)}
     for key, text in texts.items():
@@ -112,7 +112,7 @@ def _numeric(wanted: object) -> bool:
     return wanted in (bool, int, float) or any(map(_numeric, get_args(wanted)))
 
 
-def _checked(kind: str, values: Mapping[str, Any], place: str) -> Analysis:
+def _checked(kind: str, values: Mapping[str, object], place: str) -> Analysis:
     model = analysis_of(kind).options
     known = keys_of(model)
     for key in values:

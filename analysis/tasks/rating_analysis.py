@@ -9,14 +9,16 @@ from analysis.parts.learning import StepLearning
 from analysis.parts.random_effects import RatingEffects, TimeEffects
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
-from analysis.plans.rating_plan import RatingPlan, conditions_of, rating_plan, rating_plan_of_table
+from analysis.plans.rating_plan import RatingPlan
 from analysis.plans.table_sections import RatingTableSection
 from analysis.simulations import RatedSteps
 from analysis.tables.rating_table import read_ratings
 from analysis.tables.table import Source
 from analysis.tables.trials import as_decisions
 from analysis.tasks.base import TaskAnalysis
+from protocols.errors import StudyError
 from protocols.study_file.schema import StudyProtocol
+from protocols.tasks.rating import Rating, RatingsAnalysis
 
 
 class RatingsTask(TaskAnalysis[RatingTableSection, RatingPlan]):
@@ -34,14 +36,35 @@ class RatingsTask(TaskAnalysis[RatingTableSection, RatingPlan]):
     options = RatingTableSection
 
     def plan(self, study: StudyProtocol) -> RatingPlan:
-        """Return the plan that a protocol fixes."""
-        return rating_plan(study)
+        """Return the plan that a protocol fixes.
+
+        Raises
+        ------
+        StudyError
+            If it is no study of ratings.
+        """
+        analysis, task = study.analysis, study.task
+        if not (isinstance(analysis, RatingsAnalysis) and isinstance(task, Rating)):
+            raise StudyError(
+                f"analysis.kind: must be 'ratings' with the task 'rating' (got {analysis.kind!r}"
+                f" with {task.kind!r})"
+            )
+        return RatingPlan(
+            section=analysis,
+            study=study.study.name,
+            title=study.study.title,
+            protocol_sha256=study.sha256,
+            scale=task.scale,
+        )
 
     def plan_of_table(
         self, decisions: pd.DataFrame, name: str, section: RatingTableSection
     ) -> RatingPlan:
         """Return the plan of a table's own conditions."""
-        return rating_plan_of_table(decisions, name, section)
+        section = section.model_copy(update={"reaction": "models"})
+        plan = RatingPlan(section=section, study=name, title=name, scale=section.scale)
+        plan.check_known(plan.conditions_of(decisions), "one of the conditions")
+        return plan
 
     def read(
         self, table: Source, mapping: Mapping[str, str], section: RatingTableSection
@@ -59,5 +82,5 @@ class RatingsTask(TaskAnalysis[RatingTableSection, RatingPlan]):
 
     def lacks(self, decisions: pd.DataFrame, plan: RatingPlan) -> str:
         """Return the column without which nothing can be compared."""
-        rated = len(conditions_of(decisions, plan))
+        rated = len(plan.conditions_of(decisions))
         return lacking(decisions["participant"].nunique(), rated, decisions["rating"].nunique())

@@ -6,39 +6,22 @@ from dataclasses import dataclass
 import pandas as pd
 
 from analysis.models.cells import conditions
-from analysis.parts import AnalysisPlan, SectionKey
 from analysis.parts.correct import below_guessing
 from analysis.parts.random_effects import TimeEffects
 from analysis.parts.times import TimesPart
-from analysis.plans.table_sections import TimeTableSection, check_contrasts
+from analysis.plans.rating_plan import OneColumnPlan
+from analysis.plans.table_sections import TimeTableSection
 from analysis.tables.table import Source
 from analysis.tables.trials import as_decisions, read_times
 from analysis.tasks.base import TaskAnalysis
-from protocols.errors import StudyError, did_you_mean
-from protocols.tasks.rates import name_of
-from protocols.units import Scalar
 
 
 @dataclass(frozen=True, kw_only=True)
-class TimesPlan(AnalysisPlan):
+class TimesPlan(OneColumnPlan):
     """Names and rules of the analysis of reaction times.
 
     `alternatives`: how many answers the table holds; None where none is right or wrong.
     """
-
-    section: TimeTableSection
-
-    by = SectionKey[str]()
-    baseline = SectionKey[Scalar | None]()
-
-    @property
-    def compared(self) -> tuple[str, ...]:
-        """The column of conditions, if any."""
-        return (self.by,) if self.by else ()
-
-    def reference_in(self, _names: Sequence[str]) -> str | None:
-        """Return the baseline."""
-        return None if self.baseline is None else name_of(self.baseline)
 
 
 class TableOfTimes(TaskAnalysis[TimeTableSection, TimesPlan]):
@@ -60,13 +43,7 @@ class TableOfTimes(TaskAnalysis[TimeTableSection, TimesPlan]):
         section = section.model_copy(update={"reaction": "models"})
         plan = TimesPlan(section=section, study=name, title=name, alternatives=alternatives)
         known = [one for one, _ in conditions(decisions, plan.compared)]
-        check_contrasts(section, known)
-        baseline = plan.reference_in(())
-        if baseline is not None and baseline not in known:
-            raise StudyError(
-                f"--set baseline={baseline}: must be a value of {plan.by!r}"
-                f" ({', '.join(known)}){did_you_mean(baseline, known)}"
-            )
+        plan.check_known(known, f"a value of {plan.by!r}")
         return plan
 
     def read(

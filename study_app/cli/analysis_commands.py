@@ -35,7 +35,7 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     import pandas as pd
 
     from analysis.parts import AnalysisPlan
-    from analysis.power import Power
+    from analysis.power_curves import Power
     from analysis.report.report_source import Progress
     from analysis.tables.counts import Counted
     from protocols.study_file.schema import StudyProtocol

@@ -15,7 +15,7 @@ from protocols.errors import StudyError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from analysis.power import Power
+    from analysis.power_curves import Power
     from analysis.report.write_report import ReportPaths
     from protocols.manifest import Manifest
     from stimuli.score.measure_clips import ScoreResults

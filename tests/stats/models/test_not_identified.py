@@ -26,10 +26,10 @@ from analysis.parts import computed
 from analysis.parts.learning import Learning, StepLearning, apa_trend
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.right_models import apa_term
-from analysis.plans.rating_plan import rating_plan_of_table
 from analysis.plans.table_sections import RatingTableSection
 from analysis.plots import reaction_plot
 from analysis.report.values import as_json
+from analysis.tasks import analysis_of
 from study_app.cli import app
 
 SCALE = ["bad", "poor", "fair", "good", "excellent"]
@@ -104,7 +104,8 @@ def test_change_over_the_session_counts_steps_of_the_declared_scale(words):
     changes = []
     for rows, scale in ((numbers, ()), (numbers.replace(dict(enumerate(SCALE, 1))), STEPS)):
         rows = rows.assign(order=rows.groupby("participant").cumcount() + 1, rt_s=np.nan)
-        settings = rating_plan_of_table(rows, "table", RatingTableSection(by="method", scale=scale))
+        section = RatingTableSection(by="method", scale=scale)
+        settings = analysis_of("ratings").plan_of_table(rows, "table", section)
         found, _ = computed((RatingsPart(), StepLearning()), rows, settings)
         changes.append(found["learning"].trends[0].change)
 
