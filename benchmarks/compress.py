@@ -23,7 +23,7 @@ from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import create_context, release_context
 from pipeline.pictures import drawing
 from pipeline.pictures.decode import from_integers, read_pixels, three_channels
-from stimuli.compress.rivals import InfeasibleRival, measured, rivals, sheet_of
+from stimuli.compress.rivals import InfeasibleRival, measured, rival_sheet, rivals
 from stimuli.scenes.builtin_pictures import builtin_picture
 
 SIZES_KB = (15, 25, 41, 70, 120)
@@ -170,7 +170,7 @@ def _sheet(picture: Picture, arguments: argparse.Namespace) -> drawing.Picture:
     geometry, gaze_px = Flat(WIDTH_DEG).of(width, height), (width / 2, height / 2)
     settings = CompressionSettings(codec=arguments.codecs[0], angles=arguments.angles)
     beside = rivals(picture, gaze_px, round(1000 * arguments.sheet_kb), settings)
-    sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
+    sheet = rival_sheet(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
     shrunk = tuple(round(SHEET_PX / max(sheet.shape) * edge) for edge in sheet.shape[:2])
     return drawing.fitted(sheet, (shrunk[0], shrunk[1]))
 

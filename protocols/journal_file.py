@@ -71,7 +71,7 @@ def sealed_line(bare: bytes, before: str) -> tuple[str, bytes]:
     return chain, bare.replace(_NONE, b'"chain":"%b"' % chain.encode(), 1)
 
 
-def stated(line: bytes) -> str | None:
+def line_sum(line: bytes) -> str | None:
     """Return the checksum that a line states; None where it states none."""
     found = _FIELD.search(line)
     return found[1].decode() if found else None
@@ -173,7 +173,7 @@ def read_journal(path: Path, *, lenient: bool = False) -> Journal:
             damaged.append(DamagedLine(number, event))
             lost += 1
             continue
-        if event.chain is not None and stated(line) is None:
+        if event.chain is not None and line_sum(line) is None:
             wrong = "must be as it was written: its checksum stands in another form"
         expected = events[-1].n + 1 if events else 0
         if not expected <= event.n <= expected + lost:
@@ -205,7 +205,7 @@ def _refuse_format_1(path: Path, line: bytes) -> None:
     """Refuse a journal whose header has format 1, which knew no checksums."""
     with suppress(ValueError, RecursionError):
         raw = json.loads(line)
-        if isinstance(raw, dict) and raw.get("kind") == "session-start" and stated(line) is None:
+        if isinstance(raw, dict) and raw.get("kind") == "session-start" and line_sum(line) is None:
             refuse_format_1(path, raw, "go on with the session there, or report it there")
 
 
@@ -247,7 +247,7 @@ class _Checksums:
 
     def problem(self, line: bytes) -> str | None:
         """Take the next line; return what is wrong with its checksum."""
-        said = stated(line)
+        said = line_sum(line)
         if said is None:
             if not self._begun:
                 self.lacking += 1

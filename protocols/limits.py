@@ -185,7 +185,7 @@ def check_cells(path: Path, text: str, separator: str = ",") -> None:
     check_within("cells", count, StudyError, path, "cells")
 
 
-def unpacked(data: bytes, path: Path) -> bytes:
+def gunzipped(data: bytes, path: Path) -> bytes:
     """Return the content of a gzip file, and nothing of one that unpacks to more than the limit.
 
     Raises

@@ -35,7 +35,7 @@ from protocols.script import (
 )
 from protocols.study_file.problems import in_words
 from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import fill, key_label, unknown_placeholders
+from protocols.study_file.session_schema import filled_text, key_label, unknown_placeholders
 from protocols.tasks.base import whole_frames
 from protocols.viewing import Viewing
 
@@ -145,7 +145,7 @@ def text_picture(
     of = Words(
         size_px=(display.width_px, display.height_px),
         background=round(255 * study.display.background),
-        text=fill(text, study.response),
+        text=filled_text(text, study.response),
         labels=labels,
         keys=keys,
     )

@@ -120,7 +120,7 @@ NAME_IN_WORDS = "lower-case words and numbers joined by single dashes or undersc
 Name = Annotated[str, matching(NAME_PATTERN, NAME_IN_WORDS, NAME_LENGTH)]
 
 
-def visible(text: str) -> str:
+def require_visible(text: str) -> str:
     """Refuse texts of which nothing can be seen: spaces, line ends, marks of no width."""
     if not any(unicodedata.category(char)[0] in "LNPS" and char not in _BLANK for char in text):
         raise ValueError(f"must have at least one character that can be seen (got {text!a})")
@@ -129,7 +129,7 @@ def visible(text: str) -> str:
 
 _BLANK = "\u115f\u1160\u2800\u3164\uffa0"
 """Hangul fillers and the empty Braille pattern: letters and symbols by category."""
-Text = Annotated[str, StringConstraints(min_length=1), AfterValidator(visible)]
+Text = Annotated[str, StringConstraints(min_length=1), AfterValidator(require_visible)]
 Sha256 = Annotated[
     str, matching(r"^[0-9a-f]{64}$", "a SHA-256 hash: 64 digits and letters from a to f")
 ]

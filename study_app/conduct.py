@@ -23,7 +23,13 @@ from protocols.journal import (
 )
 from protocols.make_script import Scripts
 from protocols.plan import Plan
-from protocols.study_file.session_schema import ClosingQuestion, Response, Texts, consent_text, fill
+from protocols.study_file.session_schema import (
+    ClosingQuestion,
+    Response,
+    Texts,
+    consent_text,
+    filled_text,
+)
 from protocols.viewing import Viewing
 from study_app.attempt import (
     AttemptLog,
@@ -438,7 +444,7 @@ class Dialogue:
 
     def filled(self, text: str, done: int = 0) -> str:
         """Return a text with its placeholders replaced."""
-        return fill(text, self._response, done=done, total=self._blocks)
+        return filled_text(text, self._response, done=done, total=self._blocks)
 
     def quit_pressed(self, result: PageResult) -> bool:
         """Return True if a quit key ended a page."""

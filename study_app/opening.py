@@ -83,7 +83,7 @@ def begin(setup: SessionSetup, stage: Stage, gaze: GazeSource | None) -> tuple[R
                 gaze_mode=protocol.gaze.mode,
                 gaze=info,
                 revision=f"{package_version()} {code_revision()}",
-                versions=versions() | dict(setup.drawn_by) | simulation,
+                versions=session_versions() | dict(setup.drawn_by) | simulation,
                 platform=platform.platform(),
                 timing_evidence=setup.timing_evidence,
             )
@@ -111,7 +111,7 @@ def resume(setup: SessionSetup, stage: Stage, gaze: GazeSource | None) -> tuple[
             SessionResume(
                 **recorder.stamps(),
                 revision=f"{package_version()} {code_revision()}",
-                versions=versions() | dict(setup.drawn_by),
+                versions=session_versions() | dict(setup.drawn_by),
                 display_report=setup.display_report,
                 gaze=info,
                 torn_file=recorder.torn_file,
@@ -126,7 +126,7 @@ def resume(setup: SessionSetup, stage: Stage, gaze: GazeSource | None) -> tuple[
 _SIMULATION = "simulation"
 
 
-def versions() -> dict[str, str]:
+def session_versions() -> dict[str, str]:
     """Return the versions a session depends on."""
     found = {"python": sys.version.split()[0]}
     for name in ("moderngl", "glfw", "numpy", "pydantic", "pillow", "pylsl"):

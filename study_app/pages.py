@@ -265,10 +265,10 @@ class PageLayout:
 
 def words_image(words: Words) -> NDArray[np.uint8]:
     """Return the picture of a script's words, shape (height, width, 4)."""
-    return sheet_of(words).image()
+    return words_sheet(words).image()
 
 
-def sheet_of(words: Words) -> Sheet:
+def words_sheet(words: Words) -> Sheet:
     """Lay out a script's words."""
     return PageLayout(words.size_px, {}, words.background).words(words)
 

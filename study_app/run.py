@@ -23,7 +23,7 @@ from study_app.desktop.display_check import (
     SESSION_FLIPS,
     check_display,
     shortfall,
-    write_report,
+    write_display_report,
 )
 from study_app.desktop.window import Window
 from study_app.gaze.gaze_check import GazeCheck, Targets
@@ -132,7 +132,7 @@ class _OpenSession:
             self._notes.append(window.unnoticed)
         self.setup = replace(
             setup,
-            display_report=write_report(setup.root, check),
+            display_report=write_display_report(setup.root, check),
             timing_evidence=check.evidence,
             drawn_by={"renderer": drawn_by.name, "opengl": drawn_by.version},
         )

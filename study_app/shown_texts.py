@@ -14,9 +14,9 @@ from protocols.manifest import Manifest
 from protocols.phases import STUDY_QUESTION
 from protocols.script import Picture, Words
 from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import consent_text, fill
+from protocols.study_file.session_schema import consent_text, filled_text
 from protocols.tasks.confidence_question import CONFIDENCE
-from study_app.pages import PageLayout, Sheet, UnfitLabelsError, sheet_of
+from study_app.pages import PageLayout, Sheet, UnfitLabelsError, words_sheet
 from study_app.stage import Page
 from study_app.text_image import UnwritableError
 
@@ -119,10 +119,10 @@ def shown_texts(study: StudyProtocol, display: Display, language: str) -> Iterat
     if blocks > 1:
         pages.insert(-2, ("break", "Between two blocks", "break_page", texts.break_page))
     for name, says, place, text in pages:
-        full = fill(text, response, done=max(1, blocks - 1), total=blocks)
+        full = filled_text(text, response, done=max(1, blocks - 1), total=blocks)
         yield ShownText(name, says, f"{section}.{place}", full, partial(maker.page, full, key))
     for number, question in enumerate(texts.questions):
-        page = Page("question", fill(question.text, response), (), choices=question.choices)
+        page = Page("question", filled_text(question.text, response), (), choices=question.choices)
         yield ShownText(
             f"question-{number + 1}",
             "At the end",
@@ -130,7 +130,7 @@ def shown_texts(study: StudyProtocol, display: Display, language: str) -> Iterat
             "\n".join((page.text, *page.choices)),
             partial(maker.question, page, "", 0),
         )
-    thanks = fill(texts.thanks, response)
+    thanks = filled_text(texts.thanks, response)
     yield ShownText("thanks", "Last", f"{section}.thanks", thanks, partial(maker.page, thanks))
     yield from _questions(study, display, language)
     for place, says, said in (
@@ -181,4 +181,4 @@ def _words(name: str, says: str, place: str, picture: Picture, labels: str = "")
     assert isinstance(words, Words)
     under = map("{} [{}]".format, words.labels, words.keys)
     text = "\n".join((words.text, *under))
-    return ShownText(name, says, place, text, partial(sheet_of, words), labels)
+    return ShownText(name, says, place, text, partial(words_sheet, words), labels)

@@ -64,7 +64,7 @@ def people_of(
             continue
         kept.append(reading)
     if public:
-        kept.sort(key=drawn)
+        kept.sort(key=sorting_key)
     width = max(3, len(str(len(kept))))
     people = tuple(
         Person(
@@ -77,7 +77,7 @@ def people_of(
     return people, tuple(notes)
 
 
-def drawn(reading: JournalReading) -> str:
+def sorting_key(reading: JournalReading) -> str:
     """Return the key that sorts participants: nobody can compute it without the journal."""
     return sha256_bytes(b"order of participants\0" + reading.journal.path.read_bytes())
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from analysis.export.export_content import drawn
+from analysis.export.export_content import sorting_key
 from analysis.journals import JournalReading, StudyReadings
 from analysis.tidy import TidyTables
 from protocols.disk.hashing import sha256_bytes
@@ -167,7 +167,7 @@ def _names(reading: JournalReading, conditions: Mapping[_Arranged, int]) -> dict
 
     Trials of one condition, and those of none that the study has, are numbered by chance.
     """
-    chance = drawn(reading)
+    chance = sorting_key(reading)
     met = {a.trial: _arranged(a.condition, a.stimulus_names) for a in _main(reading)}
     placed = sorted(
         (conditions.get(shown, len(conditions)), sha256_bytes(f"{chance} {trial}".encode()), trial)

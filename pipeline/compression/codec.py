@@ -37,7 +37,7 @@ from pipeline.compression.lost import (
 )
 from pipeline.errors import InputError
 from pipeline.foveation.noise_plane import check_seed
-from pipeline.foveation.picture_fixation import check_picture
+from pipeline.foveation.picture_fixation import float_picture
 from pipeline.frame import Floats
 
 Bytes = NDArray[np.uint8]
@@ -116,7 +116,7 @@ def compress(
     settings = settings or CompressionSettings()
     if not pictures:
         raise InputError("there must be at least one picture to compress (got none)")
-    frames = [check_picture(picture) for picture in pictures]
+    frames = [float_picture(picture) for picture in pictures]
     height, width = frames[0].shape[:2]
     if any(frame.shape != frames[0].shape for frame in frames):
         raise InputError("the frames of a clip must all be of one size")

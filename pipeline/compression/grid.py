@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
-from pipeline.foveation.displacement import look_up
+from pipeline.foveation.displacement import look_up_cubic
 from pipeline.frame import Floats
 
 TURN = 2 * math.pi
@@ -210,7 +210,7 @@ def from_cells(cells: Floats, grid: PolarGrid) -> Floats:
     width, height = grid.size
     row, column = grid.places(*np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5))
     turned = np.ascontiguousarray(cells.transpose(1, 0, 2))  # only columns go on at the other side
-    return look_up(turned, row, column, wraps=grid.whole_turn)
+    return look_up_cubic(turned, row, column, wraps=grid.whole_turn)
 
 
 def around(cells: Floats, grid: PolarGrid) -> Floats:

@@ -25,7 +25,7 @@ from pipeline.foveation.pooled_moments import (
     WantedMoments,
     coefficient_moments,
 )
-from pipeline.foveation.reference import shaped_noise
+from pipeline.foveation.reference import lost_noise
 from pipeline.frame import Floats
 
 MOST_LEVELS = 5
@@ -127,5 +127,5 @@ def wanted_of(maps: Sequence[LostMap]) -> WantedMoments:
 def with_noise(base: Floats, maps: Sequence[LostMap], seed: int) -> Floats:
     """Add noise of the variance that was lost, as it lies on the screen, to R'G'B': (H, W, 3)."""
     plane = noise_plane(base.shape[:2], seed, len(maps), 1, wraps=False)
-    noise = shaped_noise(wanted_of(maps), plane, len(maps), "follow", wraps=False)
+    noise = lost_noise(wanted_of(maps), plane, len(maps), "follow", wraps=False)
     return noise.on(base)

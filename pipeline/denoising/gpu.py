@@ -62,7 +62,7 @@ class DenoisePass(PicturePass):
             self._base,
             np.pad(maps.base.astype(np.float32), ((0, 0), (0, 0), (0, 1)), constant_values=1),
         )
-        self._maps.write(layered(maps).tobytes())
+        self._maps.write(map_layers(maps).tobytes())
 
     def __call__(
         self, target: moderngl.Texture, gaze_px: tuple[float, float], *, seed: int = 0
@@ -93,7 +93,7 @@ class DenoisePass(PicturePass):
             target.release()
 
 
-def layered(maps: MomentMaps) -> NDArray[np.float32]:
+def map_layers(maps: MomentMaps) -> NDArray[np.float32]:
     """Maps as the shader reads them: (layers, h, w, 4), a layer a level, then Cr of four each."""
     height, width, levels = maps.slopes.shape[:3]
     layers = np.zeros((weight_layers(levels, bent=False), height, width, 4), np.float32)

@@ -31,7 +31,7 @@ from pipeline.foveation.pooled_moments import (
     wanted_by_blocks,
 )
 from pipeline.foveation.pooling import Pools
-from pipeline.foveation.reference import finished, shaped_noise
+from pipeline.foveation.reference import finished, lost_noise
 from pipeline.frame import Floats
 
 
@@ -177,5 +177,5 @@ def metamer_of(maps: MomentMaps, pools: Pools, seed: int) -> NDArray[np.float32]
     """Make the metamer of moments: (H, W, 3), encoded R'G'B' in [0, 1]."""
     wraps = pools.geometry.wraps
     plane = noise_plane(maps.base.shape[:2], seed, maps.levels, 1, wraps=wraps)
-    noise = shaped_noise(maps.wanted(), plane, maps.levels, "follow", wraps=wraps)
+    noise = lost_noise(maps.wanted(), plane, maps.levels, "follow", wraps=wraps)
     return finished(maps.base, noise.on(maps.base), pools)

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from pipeline.denoising.maps import BLOCK_PX, LEVELS, MomentMaps, Sampling, maps_of
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import WIDEST_FLAT_DEG
-from pipeline.foveation.picture_fixation import check_picture
+from pipeline.foveation.picture_fixation import float_picture
 from pipeline.foveation.pooling import Pooling, Pools
-from pipeline.methods.onnx_files import one_line, open_session
+from pipeline.methods.onnx_files import on_one_line, open_session
 from protocols.errors import must_be_one_of
 from protocols.outside import reading
 
@@ -178,7 +178,7 @@ class DenoisingNetwork:
         except Exception as error:  # its own classes are not public
             raise InputError(
                 f"{self.path}: the network must run on {width} x {height} px"
-                f" (ONNX Runtime says: {one_line(error)}); {_CURE}"
+                f" (ONNX Runtime says: {on_one_line(error)}); {_CURE}"
             ) from error
         shrunk = (1, BLOCK_PX)
         for values, by in zip(found, shrunk, strict=False):
@@ -219,7 +219,7 @@ def seen_by(noisy: NDArray[np.floating], pools: Pools, levels: int = LEVELS) -> 
     InputError
         If the picture is none, or has another size than the pools.
     """
-    picture = check_picture(noisy)
+    picture = float_picture(noisy)
     geometry = pools.geometry
     if picture.shape[:2] != (geometry.height_px, geometry.width_px):
         raise InputError(
@@ -257,5 +257,5 @@ def _facts(path: Path, session: Any) -> NetworkFacts:
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(
             f"{path}: must say what the network is for, in its metadata {FACTS_KEY!r}"
-            f" ({one_line(error)}); {_CURE}"
+            f" ({on_one_line(error)}); {_CURE}"
         ) from error

@@ -20,8 +20,8 @@ from pipeline.foveation.picture_fixation import (
     Picture,
     PictureFixation,
     check_held,
-    check_picture,
-    check_size,
+    check_picture_size,
+    float_picture,
 )
 from pipeline.named_classes import NamedClass, check_given, defaults_of, find
 from pipeline.pictures.decode import as_floats
@@ -177,7 +177,7 @@ def foveate(
     -----
     For many pictures of one size, such as the frames of a clip, build a `Foveator` once.
     """
-    image = check_picture(picture)
+    image = float_picture(picture)
     foveator = Foveator(
         image.shape[:2], viewing=viewing, method=method, seed=seed, ctx=ctx, **parameters
     )
@@ -225,7 +225,7 @@ class Foveator:
         **parameters: Any,
     ) -> None:
         self.method = method
-        height, width = check_size(size)
+        height, width = check_picture_size(size)
         self.geometry: Geometry = (viewing or Flat()).of(width, height)
         self.condition = create_condition(method, parameters)
         self._holds = False
@@ -245,7 +245,7 @@ class Foveator:
         field_gaze_px: tuple[float, float] | None = None,
     ) -> Picture:
         """Show one picture; see `foveate`."""
-        self._hold(check_picture(picture))
+        self._hold(float_picture(picture))
         return self.show(
             gaze_px,
             seed=seed,

@@ -118,7 +118,7 @@ def displaced(
     geometry = pools.geometry
     offset = displacement_px(pools, settings, seed, shift_px)
     x, y = np.meshgrid(np.arange(geometry.width_px) + 0.5, np.arange(geometry.height_px) + 0.5)
-    return look_up(
+    return look_up_cubic(
         picture.astype(np.float64), x + offset[..., 0], y + offset[..., 1], wraps=geometry.wraps
     )
 
@@ -136,7 +136,7 @@ def displacement_px(
     field = unit_field(pools, settings.smoothness, seed)
     if shift_px is not None:
         x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in field.shape[1::-1]))
-        field = look_up(field, x - shift_px[..., 0], y - shift_px[..., 1], wraps=False)
+        field = look_up_cubic(field, x - shift_px[..., 0], y - shift_px[..., 1], wraps=False)
     return _within_frame(geometry, settings.reach * pools.sigma_px(), field)
 
 
@@ -288,7 +288,7 @@ def _spread(covariance: Floats, kernel: Floats) -> Floats:
     return _correlated(wide, kernel)
 
 
-def look_up(image: Floats, x: Floats, y: Floats, *, wraps: bool) -> Floats:
+def look_up_cubic(image: Floats, x: Floats, y: Floats, *, wraps: bool) -> Floats:
     """Interpolate (H, W, channels) by a cubic spline at positions (h, w); mirrored borders."""
     height, width = image.shape[:2]
     column, row = np.floor(x - 0.5), np.floor(y - 0.5)

@@ -21,8 +21,8 @@ from pipeline.noise.tile import (
     TILE,
     NoiseBands,
     Steps,
-    between,
     look_up,
+    midway,
     mixed,
     mixed_bands,
     split,
@@ -102,7 +102,7 @@ def carried_noise(seed: int, levels: int, channels: int, edge: int) -> NoiseBand
     """The noise of `noise_tile` with two texels per pixel, to be read between them; read-only."""
     tiles = mixed_bands(seed, levels, channels, edge)
     dense = [
-        grained(np.moveaxis(between(between(tile, -2), -1), 0, -1))  # a level at a time: memory
+        grained(np.moveaxis(midway(midway(tile, -2), -1), 0, -1))  # a level at a time: memory
         for tile in tiles
     ]
     stacked = np.stack(dense)

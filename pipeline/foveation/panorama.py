@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.foveation.catalogue import Condition
-from pipeline.foveation.displacement import look_up
+from pipeline.foveation.displacement import look_up_cubic
 from pipeline.foveation.geometry import (
     CapGeometry,
     EquirectangularGeometry,
@@ -58,7 +58,7 @@ def by_charts(condition: Condition, picture: Picture, fixation: PictureFixation)
         rows = capped_rows(geometry, upper=upper)
         rays = geometry.directions(x, y[rows])
         share = cap_shares(rays)[..., None]
-        found = look_up(cap_shown.astype(np.float64), *cap.positions(rays), wraps=False)
+        found = look_up_cubic(cap_shown.astype(np.float64), *cap.positions(rays), wraps=False)
         whole[rows] += share * (found - whole[rows])
     assert condition.pooling is not None
     fade = fixation.pools(condition.pooling).fade()[..., None]
@@ -76,7 +76,7 @@ def seen_in(panorama: NDArray[np.floating], rays: Floats) -> Floats:
     height, width = panorama.shape[:2]
     x, y = EquirectangularGeometry(width, height).positions(rays)
     tall = over_poles(panorama, OVER_POLES).astype(np.float64)
-    return look_up(tall, x, y + OVER_POLES, wraps=True)
+    return look_up_cubic(tall, x, y + OVER_POLES, wraps=True)
 
 
 def over_poles(panorama: NDArray[np.floating], rows: int) -> NDArray[np.floating]:

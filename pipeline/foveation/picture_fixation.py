@@ -69,7 +69,7 @@ class PictureFixation:
         return Pools(self.geometry, self.field_gaze_px or self.gaze_px, pooling)
 
 
-def check_picture(picture: NDArray[np.floating]) -> Picture:
+def float_picture(picture: NDArray[np.floating]) -> Picture:
     """Return a picture as float32.
 
     Raises
@@ -98,14 +98,14 @@ def check_picture(picture: NDArray[np.floating]) -> Picture:
 
 
 def check_held(picture: NDArray[Any]) -> Picture | NDArray[np.uint8]:
-    """Return a picture (H, W, 3) of 8 bits as it is, any other as `check_picture` does."""
+    """Return a picture (H, W, 3) of 8 bits as it is, any other as `float_picture` does."""
     array = np.asarray(picture)
     if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:
         return array
-    return check_picture(array)
+    return float_picture(array)
 
 
-def check_size(size: tuple[int, int]) -> tuple[int, int]:
+def check_picture_size(size: tuple[int, int]) -> tuple[int, int]:
     """Return (height, width) as two whole numbers, at least 1.
 
     Raises

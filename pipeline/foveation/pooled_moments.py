@@ -324,7 +324,7 @@ def added(
     place = np.clip(place, LEAST_VALUE, 1 - LEAST_VALUE)
     filled = np.minimum(spread**2 / (place * (1 - place)), MOST_FILLED)
     mean = ndtri(place)
-    slope = slope_of(filled * (1 - SHARPENED * filled), place, mean)
+    slope = pool_slope(filled * (1 - SHARPENED * filled), place, mean)
     wide = 1 + slope**2
     mean = mean - EXCESS / 24 * (slope**2 / wide) ** 2 * mean * (3 - mean**2)
     bent = low + width * ndtr(mean * np.sqrt(wide) + slope * noise / deviation)
@@ -333,7 +333,7 @@ def added(
     return np.where((noise != 0).any(axis=-1, keepdims=True), changed, base)
 
 
-def slope_of(filled: Floats, place: Floats, mean: Floats) -> Floats:
+def pool_slope(filled: Floats, place: Floats, mean: Floats) -> Floats:
     """s, for a share of the variance ``place (1 - place)``, and `mean` with ``Phi(mean) = place``.
 
     Mixed of what holds for little variance and for nearly all of it; from .07 to .93 the variance

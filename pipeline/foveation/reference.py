@@ -129,7 +129,7 @@ def metamer_parts(
     plane = noise_plane(
         picture.shape[:2], seed, levels, channels, wraps=geometry.wraps, shift_px=noise_shift_px
     )
-    noise = shaped_noise(wanted, plane, levels, settings.chroma, wraps=geometry.wraps)
+    noise = lost_noise(wanted, plane, levels, settings.chroma, wraps=geometry.wraps)
     strength: float | Floats = settings.noise
     if geometry.on_sphere:
         strength = strength * noise_strength(geometry.directions(*pixel_centres(geometry)))
@@ -144,7 +144,7 @@ def blurred(picture: NDArray[np.floating], pools: Pools) -> Floats:
     return select(chain, pools.lod, wraps=geometry.wraps)
 
 
-def shaped_noise(
+def lost_noise(
     wanted: WantedMoments, plane: Floats, levels: int, chroma: str, *, wraps: bool
 ) -> Noise:
     """Weigh each band's noise by the deviation that its pool has lost.

@@ -15,7 +15,14 @@ import moderngl
 import numpy as np
 
 from pipeline.gl.context import require_compute
-from pipeline.gl.shader import Constant, ShaderError, ShaderSource, code_of, compile_source, flatten
+from pipeline.gl.shader import (
+    Constant,
+    ShaderError,
+    ShaderSource,
+    compile_source,
+    flatten,
+    without_comments,
+)
 from pipeline.gl.texture import image_format
 
 Texture: TypeAlias = moderngl.Texture | moderngl.TextureArray
@@ -147,7 +154,7 @@ class Shader:
         self._ctx = ctx
         self._program = compile_source(ctx, source)
         self.path = str(self._program.extra)
-        code = code_of(source.text)
+        code = without_comments(source.text)
         self._declared = _declared(code)
         self._slots = _slots(self._program, code)
         self._writes = any(slot.writes for slot in self._slots.values())

@@ -96,7 +96,7 @@ def flatten(
             origin.append((name, number))
 
     add(path, _read(folder, path, "Shader"))
-    code = code_of("\n".join(written))
+    code = without_comments("\n".join(written))
     for key in constants:
         if key not in declared:
             raise ShaderError(f"{path}: no '#constant {key}' in it or its includes; remove {key}=")
@@ -106,7 +106,7 @@ def flatten(
     return ShaderSource("\n".join(lines) + "\n", tuple(origin))
 
 
-def code_of(text: str) -> str:
+def without_comments(text: str) -> str:
     """A shader's text without its comments."""
     return _COMMENT.sub(" ", text)
 

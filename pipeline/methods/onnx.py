@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.methods.method import composite
-from pipeline.methods.onnx_files import network_files, one_line, open_session
+from pipeline.methods.onnx_files import network_files, on_one_line, open_session
 from protocols.errors import must_be_one_of
 from protocols.outside import reading
 
@@ -88,7 +88,7 @@ class OnnxNetwork:
         except Exception as error:  # its own classes are not public
             raise InputError(
                 f"{self.path}: the network must run on {width + right} x {height + below} px"
-                f" (ONNX Runtime says: {one_line(error)}); try another multiple_px"
+                f" (ONNX Runtime says: {on_one_line(error)}); try another multiple_px"
             ) from error
         wanted = (1, 3, height + below, width + right)
         if output.shape != wanted or output.dtype.kind != "f":

@@ -65,10 +65,10 @@ def open_session(path: Path, who_needs: str) -> Any:
             str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
         )  # a second try would print to the terminal
     except Exception as error:  # its own classes are not public
-        raise InputError(f"{path}: must be an ONNX model ({one_line(error)})") from error
+        raise InputError(f"{path}: must be an ONNX model ({on_one_line(error)})") from error
 
 
-def one_line(error: Exception) -> str:
+def on_one_line(error: Exception) -> str:
     """Message of a library, on one line, without control characters."""
     return visible_line(str(error) or type(error).__name__)
 

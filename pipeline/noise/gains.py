@@ -194,7 +194,7 @@ def overlap_by_levels(overlap: Floats) -> NDArray[np.float32]:
     high, total, difference = 0, 1, 2
     even, odd = (high, total), difference
     rows = []
-    for i, j in pairs_of(levels):
+    for i, j in in_pairs(levels):
         # (level, own, of i, of j)
         form = (1 if i == j else 2) * forms[:, :, i, :, j]
         both = form[:, even].transpose(0, 2, 3, 1)  # (level, of i, of j, own)
@@ -223,10 +223,10 @@ def together_by_levels(together: Floats) -> NDArray[np.float32]:
     form = together.reshape(levels, 3, levels, 3)
     form = np.einsum("ipjq,pr,qs->irjs", form, _PARTS, _PARTS)
     both = [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2)]
-    rows = [[(1 if i == j else 2) * form[i, p, j, q] for p, q in both] for i, j in pairs_of(levels)]
+    rows = [[(1 if i == j else 2) * form[i, p, j, q] for p, q in both] for i, j in in_pairs(levels)]
     return np.array(rows, np.float32)
 
 
-def pairs_of(levels: int) -> list[tuple[int, int]]:
+def in_pairs(levels: int) -> list[tuple[int, int]]:
     """Each two levels, and each with itself, as the shader goes through them."""
     return [(i, j) for i in range(levels) for j in range(i, levels)]

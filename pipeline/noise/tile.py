@@ -109,7 +109,7 @@ class NoiseBands:
 @lru_cache(maxsize=2)
 def noise_bands(seed: int, levels: int, channels: int) -> NoiseBands:
     """Make the noise of one seed; the same on every platform, up to `GRAIN`; read-only."""
-    dense = between(between(mixed_bands(seed, levels, channels), -2), -1)
+    dense = midway(midway(mixed_bands(seed, levels, channels), -2), -1)
     tiles = np.moveaxis(dense, 1, -1)
     lags = fitted_mixing(levels).lag_correlation
     noise = NoiseBands(np.ascontiguousarray(tiles, np.float32), lags)
@@ -177,7 +177,7 @@ def square_sum(band: Steps) -> int:
     return int(steps @ steps)
 
 
-def between(tile: Floats, axis: int) -> Floats:
+def midway(tile: Floats, axis: int) -> Floats:
     """Put a texel halfway between any two along `axis`: the periodic tile moved by half a texel.
 
     Every frequency keeps its amplitude, but the highest, which has no value there.

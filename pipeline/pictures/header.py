@@ -18,7 +18,7 @@ from PIL import Image, features
 from pipeline.errors import InputError, note
 from pipeline.pictures.size_limits import check_need
 from pipeline.statements.check_statements import refusal
-from pipeline.statements.row import Use, rows_of
+from pipeline.statements.row import Use, rows_about
 from pipeline.statements.rows import COLOUR_SPACES, ROWS
 from protocols.outside import reading, visible_line
 
@@ -278,7 +278,7 @@ def check_statements(
     InputError
         If a statement is refused.
     """
-    general = {name: attributes[name] for name in attributes if rows_of(ROWS, "any", name)}
+    general = {name: attributes[name] for name in attributes if rows_about(ROWS, "any", name)}
     if "ICCProfile" in general:
         general["ICCProfile greys"] = general["ICCProfile"]
     handled = (*handled, *COLOUR_SPACES) if encoded else handled
@@ -286,7 +286,7 @@ def check_statements(
     unknown: dict[str, None] = {}
     for of, statements in (("any", general), *((kind, s) for s in read_statements(path, kind))):
         for name, value in statements.items():
-            rows = [row for kind in {of: 0, "any": 0} for row in rows_of(ROWS, kind, name)]
+            rows = [row for kind in {of: 0, "any": 0} for row in rows_about(ROWS, kind, name)]
             if not rows:
                 unknown[name] = None
             for row in rows:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from pipeline.errors import InputError
-from pipeline.statements.row import rows_of
+from pipeline.statements.row import rows_about
 from pipeline.statements.rows import ROWS
 from protocols.outside import visible_line
 
@@ -19,7 +19,7 @@ _VIDEOS: Final = {row.names: row for row in ROWS if row.of.startswith("video")}
 
 def refusal(path: Path, name: str, found: str) -> InputError:
     """Return the error of a statement of any format that a row refuses."""
-    (row,) = rows_of(ROWS, "any", name)
+    (row,) = rows_about(ROWS, "any", name)
     return row.error(path, found)
 
 
@@ -36,7 +36,7 @@ class VideoStatement(NamedTuple):
 
 def other(of: str, what: str, name: str) -> Iterator[VideoStatement]:
     """Yield a part of a video's header that is in no row, such as a box of MP4."""
-    if not rows_of(ROWS, of, name):
+    if not rows_about(ROWS, of, name):
         yield VideoStatement("whatever else", f"{what} {name!r} in {of.partition(': ')[2]}")
 
 

@@ -72,7 +72,7 @@ def but(words: str, *defaults: object) -> Judge:
     return lambda value, _all: None if value in defaults else words.format(value)
 
 
-def rows_of(rows: Iterable[Row], of: str, name: str) -> list[Row]:
+def rows_about(rows: Iterable[Row], of: str, name: str) -> list[Row]:
     """Return the rows about a statement; none about one that is not known."""
     return [row for row in rows if row.of == of and re.fullmatch(row.names, name)]
 

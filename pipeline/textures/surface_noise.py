@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, grained
 from pipeline.frame import Floats, Ints
 from pipeline.noise.gains import LAGS, UNSEEN_VARIANCE
-from pipeline.noise.tile import NoiseBands, between, look_up, split, unit, white_steps
+from pipeline.noise.tile import NoiseBands, look_up, midway, split, unit, white_steps
 from pipeline.textures.bake import Layout
 
 Bytes = NDArray[np.int8]
@@ -97,7 +97,7 @@ def _tile(seed: int, columns: int) -> Bytes:
     white = white_steps(seed, (NOISE_PER_TEXEL * TILE, NOISE_PER_TEXEL * columns), 3)
     bands = split(np.tile(white, (1, 1, copies)), 2)[1]
     own = np.stack([unit(bands[band, band, :, : NOISE_PER_TEXEL * columns]) for band in range(3)])
-    dense = between(between(own, 1), 2)
+    dense = midway(midway(own, 1), 2)
     steps = np.rint(grained(np.moveaxis(dense, 0, -1)).astype(np.float64) / GRAIN)
     return np.ascontiguousarray(steps.clip(-MOST_STEPS, MOST_STEPS), np.int8)
 

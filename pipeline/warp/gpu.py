@@ -13,7 +13,7 @@ from pipeline.gl.context import describe
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import format_of, texture_from
 from pipeline.warp import reference
-from pipeline.warp.settings import TargetWindow, WarpSettings, checked
+from pipeline.warp.settings import TargetWindow, WarpSettings, checked_motion
 
 ROW = 64  # work-group size of whole frames: tiles would share cache sets where rows are 2^n bytes
 TILE = 8  # work-group edge, pixels, where neighbours in all directions are read
@@ -215,7 +215,7 @@ def warp_frame(
         return reference.warp(
             frame, flow_px, target_depth_m=target_depth_m, window=window, settings=settings
         )
-    flow_px, depth_m = checked(frame, flow_px, target_depth_m, settings)
+    flow_px, depth_m = checked_motion(frame, flow_px, target_depth_m, settings)
     height, width = frame.size
     padded = np.concatenate([frame.colour, np.ones((height, width, 1), np.float32)], axis=-1)
     warp = WarpPass(ctx, (width, height), window, settings)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frame import Bools, Floats, Ints, SourceFrame, WarpedFrame, check_same_size
-from pipeline.warp.settings import SUBPIXELS, TargetWindow, WarpSettings, checked
+from pipeline.warp.settings import SUBPIXELS, TargetWindow, WarpSettings, checked_motion
 from pipeline.warp.speckle import without_rim
 
 RINGS = 2  # of vertices around the source pixels
@@ -62,7 +62,7 @@ def warp(
     -----
     [MI] 3.1, eq. 1.
     """
-    flow_px, shown_m = checked(frame, flow_px, target_depth_m, settings)
+    flow_px, shown_m = checked_motion(frame, flow_px, target_depth_m, settings)
     depth_m = shown_m.astype(np.float64)
     window = window or TargetWindow.of(frame.size)
     mesh = moved_mesh(depth_m, flow_px, window)
@@ -168,7 +168,7 @@ def with_strips(
         order = [*ends, *ends[::-1]]
         at = np.concatenate([side, reach[:, ::-1]], axis=1)
         parts.append(
-            surface(at, mesh.pixel[quad[:, None], order], mesh.depth_m[quad[:, None], order])
+            surface_quads(at, mesh.pixel[quad[:, None], order], mesh.depth_m[quad[:, None], order])
         )
     return with_surfaces(mesh, stretched, drawn, parts)
 
@@ -225,7 +225,7 @@ def with_thin(
         half = width // 2
         corner = [first + half, second + half, second + half - width, first + half - width]
         parts.append(
-            surface(
+            surface_quads(
                 np.stack(corner, axis=1),
                 mesh.pixel[quad[:, None], order],
                 mesh.depth_m[quad[:, None], order],
@@ -237,7 +237,7 @@ def with_thin(
     square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (SUBPIXELS // 2)
     order = [0, 0, 0, 0]
     parts.append(
-        surface(
+        surface_quads(
             at[quad[:, None], order] + square,
             mesh.pixel[quad[:, None], order],
             mesh.depth_m[quad[:, None], order],
@@ -267,7 +267,7 @@ def thin_and_mixed(
     change = displacement(flow_px)
     place = np.stack([column, row], axis=-1) + change
     thin, mixed = np.zeros((2, height * width), np.bool_)
-    lines = lines_of(np.arange(height * width).reshape(height, width))
+    lines = grid_lines(np.arange(height * width).reshape(height, width))
     if not lines:
         return thin.reshape(height, width), mixed.reshape(height, width)
     pixel = np.concatenate(lines)
@@ -286,7 +286,7 @@ def thin_and_mixed(
     return thin.reshape(height, width), mixed.reshape(height, width)
 
 
-def lines_of(plane: NDArray[Scalar]) -> list[NDArray[Scalar]]:
+def grid_lines(plane: NDArray[Scalar]) -> list[NDArray[Scalar]]:
     """List the rows, columns and diagonals of `plane` that have three cells or more."""
     height, width = plane.shape
     places = range(1 - height, width)
@@ -301,7 +301,7 @@ def within_reach(at: Ints, window: TargetWindow) -> Bools:
     return near
 
 
-def surface(at: Ints, pixel: Ints, depth_m: Floats) -> QuadMesh:
+def surface_quads(at: Ints, pixel: Ints, depth_m: Floats) -> QuadMesh:
     """Make quads that are drawn beside the mesh's own."""
     none = np.zeros(len(at), np.bool_)
     return QuadMesh(at=at, pixel=pixel, depth_m=depth_m, drawable=~none, ring_0=none)

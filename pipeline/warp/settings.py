@@ -131,7 +131,7 @@ class WarpSettings:
         return min(round(stretch_px * SUBPIXELS), 2**30)
 
 
-def checked(
+def checked_motion(
     frame: SourceFrame,
     flow_px: NDArray[np.float32],
     target_depth_m: NDArray[np.float32] | None,

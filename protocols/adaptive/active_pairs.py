@@ -25,7 +25,7 @@ Two things differ, and both make it smaller:
 
 **The prior** hardly changes which pairs are chosen, but it does set the scale of the scores while
 answers are few: pairs that are hard to tell say little about how far the extremes lie apart. So
-take `posterior` for choosing pairs, and the analysis for results.
+take `score_posterior` for choosing pairs, and the analysis for results.
 
 **Ties.** A spanning tree depends on the order of the pairs alone. Gains that differ by less than
 about `TIE` of the largest count as equal, and chance orders them. So a first batch, where
@@ -82,7 +82,7 @@ class Scores:
         return np.asarray(np.maximum(spread, 0.0))
 
 
-def posterior(wins: ArrayLike, *, prior_sd_jod: float = PRIOR_SD_JOD) -> Scores:
+def score_posterior(wins: ArrayLike, *, prior_sd_jod: float = PRIOR_SD_JOD) -> Scores:
     """Return Laplace's approximation to the posterior of the scores.
 
     Parameters
@@ -156,7 +156,7 @@ def next_batch(wins: ArrayLike, chance: Chance) -> tuple[tuple[int, int], ...]:
     StudyError
         If `wins` is no such table.
     """
-    gain = information_gain(posterior(wins))
+    gain = information_gain(score_posterior(wins))
     first, second = np.triu_indices(len(gain), k=1)
     worth = gain[first, second]
     rounded = np.rint(worth / (TIE * max(float(worth.max()), 1e-300)))

@@ -18,7 +18,7 @@ History: TypeAlias = Sequence[Answer]
 """Every answer of one track so far, oldest first. Void attempts are not in it."""
 
 
-def check_levels(levels: Sequence[float], place: str = "levels") -> None:
+def check_rising(levels: Sequence[float], place: str = "levels") -> None:
     """Refuse levels that are not two or more finite numbers in rising order.
 
     Parameters

@@ -32,7 +32,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import entr
 
-from protocols.adaptive.answer_history import History, Shape, check_history, check_levels
+from protocols.adaptive.answer_history import History, Shape, check_history, check_rising
 from protocols.adaptive.psychometric_function import Floats, check_shape, probability
 from protocols.errors import StudyError
 
@@ -101,7 +101,7 @@ class Grid:
     def __post_init__(self) -> None:
         """Check everything that can be checked without data."""
         check_shape(self.shape)
-        check_levels(self.levels)
+        check_rising(self.levels)
         for name in PARAMETERS:
             _check_axis(getattr(self, name), name)
         low, high = self.levels[0], self.levels[-1]
@@ -241,7 +241,7 @@ def _check_axis(axis: Axis, name: str) -> None:
     if len(axis.values) == 1 and not math.isfinite(axis.values[0]):
         raise StudyError(f"{name}: must be a finite number (got {axis.values[0]:g})")
     if len(axis.values) > 1:
-        check_levels(axis.values, name)
+        check_rising(axis.values, name)
     if not axis.weights:
         return
     if len(axis.weights) != len(axis.values):

@@ -32,7 +32,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-from protocols.adaptive.answer_history import History, check_history, check_levels
+from protocols.adaptive.answer_history import History, check_history, check_rising
 from protocols.errors import StudyError
 
 
@@ -72,7 +72,7 @@ class UpDown:
 
     def __post_init__(self) -> None:
         """Check everything that can be checked without data."""
-        check_levels(self.levels)
+        check_rising(self.levels)
         low, high = self.levels[0], self.levels[-1]
         if self.start not in self.levels:
             raise StudyError(

@@ -132,7 +132,7 @@ def unlisted(folder: Path, below: Path | None = None) -> Iterator[Path]:
     `below` is the part of `folder` that is looked at; left out: all of it.
     """
     known = _listed(folder)
-    return (path for path in leaves(below or folder) if not _is_own(path, folder, known))
+    return (path for path in files_below(below or folder) if not _is_own(path, folder, known))
 
 
 def remove_listed(folder: Path, below: Path | None = None) -> None:
@@ -148,7 +148,7 @@ def remove_own(folder: Path, is_own: Callable[[Path], bool]) -> None:
     """Remove files and empty folders below `folder` that are ours, and all that empties so."""
     if folder.is_symlink() or not folder.is_dir():
         return
-    ours = [path for path in leaves(folder) if not path.is_symlink() and is_own(path)]
+    ours = [path for path in files_below(folder) if not path.is_symlink() and is_own(path)]
     for path in sorted(ours, key=lambda path: path.name == LISTING):  # it vouches for the others
         if not path.is_dir():
             remove(path)
@@ -170,11 +170,11 @@ def _is_own(path: Path, folder: Path, known: Mapping[str, str]) -> bool:
     return name == LISTING if name not in known else known[name] == sha256_file(path)
 
 
-def leaves(folder: Path) -> Iterator[Path]:
+def files_below(folder: Path) -> Iterator[Path]:
     """Yield every file, link and empty folder below a folder; links are not followed."""
     for entry in sorted(folder.iterdir()):
         if entry.is_dir() and not entry.is_symlink():
-            below = list(leaves(entry))
+            below = list(files_below(entry))
             yield from below or [entry]
         else:
             yield entry
@@ -291,7 +291,7 @@ def write_listing(folder: Path, without: Collection[Path] = ()) -> None:
     old = _listed(folder)
     files = {name: sha256 for name, sha256 in old.items() if folder / name in without} | {
         path.relative_to(folder).as_posix(): sha256_file(path)
-        for path in leaves(folder)
+        for path in files_below(folder)
         if path.is_file() and not path.is_symlink() and path not in without
     }
     files.pop(LISTING, None)

@@ -45,7 +45,7 @@ def cure_for_key_name(name: str) -> str:
     return did_you_mean(plain, _KEYS)
 
 
-def split_unit(name: str) -> tuple[str, str]:
+def named_unit(name: str) -> tuple[str, str]:
     """Split ``gap_s`` into ``gap`` and ``s``; the unit is empty where there is none."""
     stem, _, last = name.rpartition("_")
     return (stem, last) if stem and last in UNIT_OF_SUFFIX else (name, "")
@@ -53,10 +53,10 @@ def split_unit(name: str) -> tuple[str, str]:
 
 def cure_for_key(key: str, value: object, known: Iterable[str]) -> str:
     """Return the cure for an unknown key: another unit, a missing unit, or a near name."""
-    stem, unit = split_unit(key)
+    stem, unit = named_unit(key)
     names = list(known)
     for name in names:
-        right_stem, right_unit = split_unit(name)
+        right_stem, right_unit = named_unit(name)
         if right_unit and right_unit != unit and right_stem in {stem, key}:
             factor = CONVERSIONS.get((unit, right_unit))
             example = ""
@@ -166,7 +166,7 @@ def in_words(detail: ErrorDetails, owner: type[BaseModel] | None = None) -> str:
         return "unknown key" + (cure or f"; known keys: {', '.join(known)}" * bool(known))
     if kind in _BOUNDS:
         word, name = _BOUNDS[kind]
-        unit = UNIT_OF_SUFFIX.get(split_unit(key)[1], "")
+        unit = UNIT_OF_SUFFIX.get(named_unit(key)[1], "")
         bound = f"{context[name]:,.10g}" + (f" {unit}" if unit else "")
         return f"must be {word} {bound} (got {_show(found)})"
     if kind in _WANTED_TYPE:

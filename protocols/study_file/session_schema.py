@@ -384,7 +384,7 @@ _DEVICES = {"kp": "num", "pad": "pad"}
 _SHOWN = {"left": "←", "right": "→", "up": "↑", "down": "↓"}
 
 
-def fill(text: str, response: Response, *, done: int = 0, total: int = 0) -> str:
+def filled_text(text: str, response: Response, *, done: int = 0, total: int = 0) -> str:
     """Return `text` with `{left}`, `{done}` and so on replaced; other braces stay as they are.
 
     Parameters

@@ -27,7 +27,7 @@ from typing import Generic, TypeAlias, TypeVar
 
 from protocols.disk.hashing import sha256_file
 from protocols.disk.locks import written
-from protocols.disk.result_folder import leaves, remove_own
+from protocols.disk.result_folder import files_below, remove_own
 from protocols.disk.whole_file import PART, move, remove, sync_folder, write_whole
 from protocols.errors import StudyError
 from protocols.manifest import MANIFEST_NAME, Clip, Manifest, read_manifest
@@ -83,7 +83,7 @@ def claim(out: Path, names: Iterable[str], keys: Iterable[str], *, exr: bool = F
     write_whole(out / BUILD_FOLDER / NAMES, json.dumps(content).encode())
 
 
-def check_folder(out: Path, wanted: Iterable[str] = ()) -> None:
+def check_batch_folder(out: Path, wanted: Iterable[str] = ()) -> None:
     """Refuse a folder with anything in it that no build recorded as its own: it could be lost.
 
     What a killed build was writing here is removed.
@@ -107,7 +107,7 @@ def check_folder(out: Path, wanted: Iterable[str] = ()) -> None:
                 f"{out}: must be an empty folder or one that a build made (its {MANIFEST_NAME}"
                 f" cannot be read); choose another --out\n{error}"
             ) from None
-    own, found = _Own(out, wanted), list(leaves(out))
+    own, found = _Own(out, wanted), list(files_below(out))
     for path in found:
         relative = path.relative_to(out)
         if path.is_symlink() or not own.has(relative):

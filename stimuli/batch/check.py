@@ -21,7 +21,7 @@ from protocols.recipes.warped_clips import ClipName
 from stimuli.batch.batch_folder import BUILD_FOLDER, HOLES_FOLDER, SURVEY_NAME, survey_name
 from stimuli.batch.clip import read_mask
 from stimuli.batch.contact import SHEET_NAME
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from stimuli.media.video import preview_path
 
 _ENDS = ("least", "most")
@@ -129,7 +129,7 @@ def check_batch(out: Path, report: Callable[[int, int], None] | None = None) -> 
 def _wrong_frame(out: Path, clip: Clip) -> str | None:
     """Return the statement of the manifest that a clip's first frame contradicts."""
     try:
-        frame = decode(out / clip.frame_path(0))
+        frame = decode_png(out / clip.frame_path(0))
     except InputError:
         return "its first frame must be a PNG"
     found = frame.shape[1], frame.shape[0], 8 * frame.dtype.itemsize
@@ -143,7 +143,7 @@ def _wrong_frame(out: Path, clip: Clip) -> str | None:
 
 def _hole_shares(folder: Path) -> tuple[float, float, float]:
     """Return the mean, least and most share of hole pixels, as a survey writes them."""
-    shares = [float((decode(path) > 0).mean()) for path in sorted(folder.glob("*.png"))]
+    shares = [float((decode_png(path) > 0).mean()) for path in sorted(folder.glob("*.png"))]
     mean = float(np.mean(shares))
     return float(f"{mean:.6g}"), float(f"{min(shares):.6g}"), float(f"{max(shares):.6g}")
 
@@ -249,5 +249,5 @@ def _probe(out: Path, clip: Clip, truth: Clip | None) -> ClipFault:
 
 
 def _frame(out: Path, clip: Clip, index: int) -> NDArray[np.float32]:
-    stored = decode(out / clip.frame_path(index))
+    stored = decode_png(out / clip.frame_path(index))
     return (stored / np.float32(np.iinfo(stored.dtype).max)).astype(np.float32)

@@ -35,7 +35,7 @@ from protocols.recipes.warped_clips import ClipName, TrueView
 from stimuli.batch.batch_folder import SURVEY_NAME
 from stimuli.batch.build_plan import BuildPlan
 from stimuli.batch.footage import CameraShot, Footage
-from stimuli.media.png import decode, encode_frame, encode_mask, is_whole
+from stimuli.media.png import decode_png, encode_frame, encode_mask, is_whole_png
 from stimuli.rendering.paths import make_path
 from stimuli.rendering.scenery import Scenery
 from stimuli.rendering.solve import solve_extent
@@ -266,7 +266,7 @@ def make_frames(
 
 def read_mask(folder: Path, frame: int) -> NDArray[np.bool_]:
     """Return the hole mask of one frame of a survey's folder."""
-    return np.asarray(decode(folder / f"{frame:06d}.png") > 0)
+    return np.asarray(decode_png(folder / f"{frame:06d}.png") > 0)
 
 
 def _frames(
@@ -336,4 +336,4 @@ def _hash_if_whole(path: Path) -> str | None:
         data = path.read_bytes()
     except FileNotFoundError:
         return None
-    return sha256_bytes(data) if is_whole(data) else None
+    return sha256_bytes(data) if is_whole_png(data) else None

@@ -19,7 +19,7 @@ from protocols.study_file.schema import StudyProtocol
 from stimuli.batch.batch_folder import (
     BuildOutcome,
     Report,
-    check_folder,
+    check_batch_folder,
     claim,
     move_over,
     remove_previews,
@@ -131,7 +131,7 @@ class ClipBuild(Generic[N]):
 
     def _run(self) -> BuildOutcome[N]:
         names = [str(name) for name in self.names]
-        check_folder(self.out, names)
+        check_batch_folder(self.out, names)
         self.draft = self.open_draft()
         old = self.draft.old()
         for name in self.names:

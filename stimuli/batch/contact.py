@@ -17,7 +17,7 @@ from protocols.outside import page_bytes
 from protocols.recipes.base import SCENE
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.study_file.schema import StudyProtocol
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 
 SHEET_NAME = "contact-sheet.html"
 SHOWN_FRAMES = 12
@@ -73,7 +73,7 @@ def _strip(out: Path, clip: Clip, shown: Sequence[int], tile: tuple[int, int]) -
     """Small frames below each other, as a WebP in a data address: a third less than JPEG."""
     tiles = []
     for index in shown:
-        frame = decode(out / clip.frame_path(index))
+        frame = decode_png(out / clip.frame_path(index))
         if frame.dtype == np.uint16:
             frame = (frame >> 8).astype(np.uint8)
         tiles.append(cv2.resize(np.ascontiguousarray(frame), tile, interpolation=cv2.INTER_AREA))

@@ -103,7 +103,7 @@ class ManifestDraft:
             display=self._display.name,
             revision=f"{package_version()}, revision {code_revision()}",
             renderer=RendererEntry(**asdict(self._renderer)),
-            versions=versions(),
+            versions=pixel_versions(),
             clips=tuple(clips),
         )
 
@@ -192,7 +192,7 @@ class WarpedDraft(ManifestDraft):
         )
 
 
-def versions() -> dict[str, str]:
+def pixel_versions() -> dict[str, str]:
     """Return Python's version and those of the packages that take part in making pixels."""
     found = {"python": platform.python_version()}
     for package in VERSIONED:

@@ -29,7 +29,7 @@ from pipeline.pictures.drawing import Picture
 from pipeline.pictures.size_limits import check_need
 from pipeline.video_file import is_video
 from protocols.disk.whole_file import write_whole
-from stimuli.compress.rivals import InfeasibleRival, measured, rivals, sheet_of
+from stimuli.compress.rivals import InfeasibleRival, measured, rival_sheet, rivals
 from stimuli.media.frames_folder import SILENT, Reporter, save_steps
 from stimuli.media.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
 from stimuli.media.picture_files import PictureFiles, save_pictures
@@ -62,7 +62,7 @@ def compress_file(
     compare : Path, optional
         A sheet (.png) of the first picture beside plain and foveated files of the same size.
     steps : Path, optional
-        A folder for pictures of the first frame's parts; see `write_steps`.
+        A folder for pictures of the first frame's parts; see `write_compression_steps`.
 
     Raises
     ------
@@ -96,13 +96,13 @@ def compress_file(
         beside = rivals(
             picture, gaze_px, len(data), replace(settings, angles=found.grid.rows_per_turn)
         )
-        sheet = sheet_of(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
+        sheet = rival_sheet(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
         drawing.save_picture(compare, sheet)
         for missed in (one for one in beside if isinstance(one, InfeasibleRival)):
             tell(f"note: --compare has no {missed.name}: {missed.why}")
         tell(f"wrote {compare}")
     if steps is not None:
-        tell(f"wrote {write_steps(steps, frames[0], found)[-1]}")
+        tell(f"wrote {write_compression_steps(steps, frames[0], found)[-1]}")
     write_whole(out, data)
     ratio = whole / len(data)
     tell(
@@ -190,7 +190,7 @@ _MAP_COLOURS = ("#67000d", "#b11218", "#e32f27", "#f6583e", "#fc8a6a")
 _PICTURE_COLOUR = "#0072B2"
 
 
-def write_steps(
+def write_compression_steps(
     folder: Path, picture: NDArray[np.float32], held: CompressedPicture, *, seed: int = 0
 ) -> list[Path]:
     """Write the first frame's parts as `save_steps` does, and return what it returns.
@@ -229,14 +229,14 @@ def write_steps(
 
 def density_picture(base: PolarGrid, maps: list[PolarGrid]) -> Picture:
     """Draw Fig. 10: columns per pixel, their share up to a distance, and each level's cells."""
-    from stimuli.score.plots import figure_style, new_figure, png_bytes
+    from stimuli.score.plots import arranged_figure, figure_style, png_bytes
 
     grids = [base, *maps]
     names = ["colour", *(f"map {level}" for level in range(len(maps)))]
     colours = [_PICTURE_COLOUR, *_MAP_COLOURS]
     radius_px = np.linspace(0, base.farthest_px, 600)
     with figure_style():
-        figure = new_figure(7.6, 5.0)
+        figure = arranged_figure(7.6, 5.0)
         along, whole, counts = figure.subplot_mosaic([["a", "b"], ["c", "c"]]).values()
         for grid, name, colour in zip(grids, names, colours, strict=False):
             columns = np.maximum(grid.density.columns(radius_px), 0)

@@ -30,7 +30,7 @@ class Rival:
     Attributes
     ----------
     kind : str
-        ``plain``, ``foveated`` or ``metameric``.
+        ``plain_rival``, ``foveated`` or ``metameric``.
     quality : int
         Of the codec: the best that fits.
     shown : ndarray of float32, shape (H, W, 3)
@@ -97,13 +97,13 @@ def _rival(
 ) -> Rival:
     if kind == "plain":
         assert asked.size_bytes is not None
-        return plain(picture, asked.size_bytes, asked.codec)
+        return plain_rival(picture, asked.size_bytes, asked.codec)
     made = compress([picture], gaze_px, replace(asked, statistics=kind == "metameric"))
     size = len(compressed_file.to_bytes(made))
     return Rival(kind, asked.codec, made.quality, size, decompress(made, seed=0))
 
 
-def plain(picture: NDArray[np.float32], size_bytes: int, codec: str) -> Rival:
+def plain_rival(picture: NDArray[np.float32], size_bytes: int, codec: str) -> Rival:
     """Code the picture as it is, as well as so many bytes allow."""
     stored = drawing.of_colour(picture)
 
@@ -130,7 +130,7 @@ def measured(
     return RivalQuality(statistics_distance(rival.shown, picture, gaze_px=gaze_px), psnr)
 
 
-def sheet_of(
+def rival_sheet(
     picture: NDArray[np.float32],
     found: Sequence[Rival | InfeasibleRival],
     measure: Callable[[Rival], RivalQuality],

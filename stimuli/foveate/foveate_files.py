@@ -25,7 +25,7 @@ from pipeline.pictures.colour_file import (
 from protocols.disk.result_folder import whole_folder
 from stimuli.foveate import metamer_page as pages
 from stimuli.foveate.condition_sheet import ConditionPicture, check_choices, look_through, sheet_of
-from stimuli.foveate.foveation_steps import write_steps
+from stimuli.foveate.foveation_steps import write_foveation_steps
 from stimuli.media import moving
 from stimuli.media.frames_folder import SILENT, Reporter
 from stimuli.media.gaze_and_display import (
@@ -203,7 +203,7 @@ def _write(work: _Work, outputs: Outputs) -> list[ConditionPicture]:
             f"wrote {outputs.compare} ({len(seen)} condition{'' if len(seen) == 1 else 's'})"
         )
     if outputs.steps is not None:
-        written = write_steps(
+        written = write_foveation_steps(
             outputs.steps, work.opened.colour, work.gaze_px, viewing, seen[:1], seed=work.seed
         )
         work.reporter.say(

@@ -32,7 +32,7 @@ from stimuli.foveate.condition_sheet import ConditionPicture, draw_gaze, draw_po
 from stimuli.media.frames_folder import Step, save_steps
 
 
-def write_steps(
+def write_foveation_steps(
     folder: Path,
     colour: NDArray[np.float32],
     gaze_px: tuple[float, float],

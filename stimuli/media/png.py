@@ -43,7 +43,7 @@ def encode_mask(mask: NDArray[np.bool_]) -> bytes:
     return _encode(mask.astype(np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])
 
 
-def decode(path: Path) -> NDArray[Any]:
+def decode_png(path: Path) -> NDArray[Any]:
     """Read a PNG as stored: (H, W, 3) in red, green, blue, or (H, W).
 
     Raises
@@ -53,7 +53,7 @@ def decode(path: Path) -> NDArray[Any]:
     """
     data = path.read_bytes()
     image = None
-    if is_whole(data):
+    if is_whole_png(data):
         check_values(path, *struct.unpack_from(">II", data, 16), 4)  # as its first chunk says
         with reading(path, "a whole PNG file", InputError):
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
@@ -62,7 +62,7 @@ def decode(path: Path) -> NDArray[Any]:
     return image[..., ::-1] if image.ndim == 3 else image
 
 
-def is_whole(data: bytes) -> bool:
+def is_whole_png(data: bytes) -> bool:
     """True if `data` is a PNG in which every chunk is there and unharmed."""
     if data[:8] != _SIGNATURE:
         return False

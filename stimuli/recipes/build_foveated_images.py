@@ -45,7 +45,7 @@ from stimuli.recipes.foveated_work import (
     colour_job,
     describe_job,
     still_job,
-    wrong_size,
+    wrong_picture_size,
 )
 from stimuli.recipes.single_stimuli import RESERVED, Made, SingleStimulusBuilder
 from stimuli.scenes.builtin_pictures import NOTICES, check_picture_name, picture_modules
@@ -114,7 +114,7 @@ class FoveatedBuilder(SingleStimulusBuilder[FoveatedStimulus]):
         if self.recipe.fit == "exact":
             wanted = self.recipe.width_px, self.recipe.height_px
             found += [
-                Problem(where, f"{path}: {wrong_size(wanted, got)}")
+                Problem(where, f"{path}: {wrong_picture_size(wanted, got)}")
                 for where, path, got in self._other_sizes()
             ]
         if self.recipe.rings is not None:

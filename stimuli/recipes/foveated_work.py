@@ -117,11 +117,11 @@ class StillsPlan:
             return colour
         if self.recipe.fit == "exact":
             got = colour.shape[1], colour.shape[0]
-            raise InputError(f"{path}: {wrong_size((width, height), got)}")
+            raise InputError(f"{path}: {wrong_picture_size((width, height), got)}")
         return _covering(colour, (height, width), self.recipe.kept(picture))
 
 
-def wrong_size(wanted: tuple[int, int], got: tuple[int, int]) -> str:
+def wrong_picture_size(wanted: tuple[int, int], got: tuple[int, int]) -> str:
     """Say that a picture is (width, height) `got` px where the study has `wanted`."""
     return (
         f"must be {wanted[0]} x {wanted[1]} px, as the study says (is {got[0]} x {got[1]}); cut it,"

@@ -27,7 +27,7 @@ from stimuli.rendering.triangle_batches import (
     columns,
     program,
     set_uniform,
-    upload,
+    upload_triangles,
 )
 from stimuli.rendering.world import Light, Material, Mesh, World
 
@@ -198,7 +198,7 @@ class WorldRenderer:
         self._sky = program(ctx, "sky.vert.glsl", "sky.frag.glsl")
         self._sky_array = ctx.vertex_array(self._sky, [])
         self._targets: dict[tuple[int, int], tuple[Any, ...]] = {}
-        held = upload(ctx, world.parts, self._origin, self._surface, self._depth)
+        held = upload_triangles(ctx, world.parts, self._origin, self._surface, self._depth)
         self._batches = [batch for batch, _ in held]
         panorama = np.zeros((1, 1, 3), np.uint8) if world.sky is None else world.sky
         self._panorama = ctx.texture(

@@ -107,7 +107,7 @@ class DepthShaders:
         self._cutout.release()
 
 
-def upload(
+def upload_triangles(
     ctx: moderngl.Context,
     parts: tuple[MeshPart, ...],
     origin_m: NDArray[np.float64],

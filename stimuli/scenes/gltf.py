@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from stimuli.scenes.mesh_features import NUMBERS, Notes, row_of, unsupported
-from stimuli.scenes.mesh_inputs import bytes_of_buffer, data_of_uri, is_data, place_of
+from stimuli.scenes.mesh_inputs import bytes_of_buffer, data_of_uri, file_of_name, is_data
 from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, Wrap, decoded, shares
 
 Array = NDArray[np.float64]
@@ -489,7 +489,7 @@ class Document:
             if uri is not None and "bufferView" in image:
                 raise self._wrong(f"picture {source} has a uri and a bufferView", "leave one out")
             if isinstance(uri, str) and not is_data(uri):
-                place = place_of(self.path, uri)
+                place = file_of_name(self.path, uri)
                 data: bytes | memoryview = place.read_bytes()
                 name = str(place)
             else:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pipeline.errors import InputError
-from pipeline.statements.row import Row, but, rows_of
+from pipeline.statements.row import Row, but, rows_about
 from protocols.outside import visible_line
 
 _DRAWN, _MATTE, _FILTERED = "drawn", "surfaces are matte", "pictures are filtered linearly"
@@ -213,7 +213,7 @@ UNKNOWN: Final = "it is not known"
 @lru_cache(4096)
 def row_of(of: str, name: str) -> Row | None:
     """Return the row about a statement, the first of several; None if it is not known."""
-    return next(iter(rows_of(ROWS, of, name)), None)
+    return next(iter(rows_about(ROWS, of, name)), None)
 
 
 def check_gltf(notes: Notes, document: dict[str, Any]) -> None:

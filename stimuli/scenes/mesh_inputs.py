@@ -78,7 +78,7 @@ def files_of(path: Path) -> list[Path]:
     return list(dict.fromkeys(found))
 
 
-def place_of(mesh: Path, name: str) -> Path:
+def file_of_name(mesh: Path, name: str) -> Path:
     """Return the file that a mesh means by a name: with %20, backslashes or quotation marks."""
     plain = name.strip()
     bare = plain.strip('"')
@@ -184,7 +184,7 @@ def _pictures(path: Path, read: dict[str, Any]) -> Iterator[tuple[str, Path | by
         uri, name = image.get("uri"), f"picture {number}"
         source: Path | bytes = b""
         if isinstance(uri, str):
-            source = data_of_uri(path, uri) if is_data(uri) else place_of(path, uri)
+            source = data_of_uri(path, uri) if is_data(uri) else file_of_name(path, uri)
         elif "bufferView" in image:
             source = _of_view(path, read, image)
         yield from [(name, source)] * (1 + used[number])
@@ -250,7 +250,7 @@ def bytes_of_buffer(path: Path, buffer: dict[str, Any]) -> bytes:
         (length,) = struct.unpack_from("<I", data, 20 + json_length)
         first = 20 + json_length + 8
         return data[first : first + length]
-    return data_of_uri(path, uri) if is_data(uri) else place_of(path, uri).read_bytes()
+    return data_of_uri(path, uri) if is_data(uri) else file_of_name(path, uri).read_bytes()
 
 
 def _of_view(path: Path, read: dict[str, Any], image: dict[str, Any]) -> bytes:
@@ -324,7 +324,7 @@ def _leads_out(folder: Path, place: Path) -> bool:
 
 def _named(mesh: Path, name: str, what: str) -> Path:
     """Return the file of a name, which must be there and not leave the mesh's folder."""
-    place = place_of(mesh, name)
+    place = file_of_name(mesh, name)
     if _leads_out(mesh.parent, place):
         raise InputError(
             f"{mesh}: must name files in its own folder ({name!r} lies outside); put the"

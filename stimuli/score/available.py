@@ -60,7 +60,7 @@ def _version_of(package: str) -> str:
     return metadata.version(package)
 
 
-def versions(metrics: Sequence[Metric]) -> dict[str, str]:
+def metric_versions(metrics: Sequence[Metric]) -> dict[str, str]:
     """Return Python's version and those of all packages behind `metrics`."""
     found = {"python": platform.python_version()}
     for metric in metrics:

@@ -15,8 +15,8 @@ from stimuli.score.torch_parts import (
     VideoSource,
     load_torchvision,
     one_thread,
+    predictor_settings,
     quiet_libraries,
-    settings_of,
 )
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
@@ -25,7 +25,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> P
     """Compare the whole clip."""
     values: dict[tuple[str, str], float | None] = {}
     with quiet_libraries():
-        metric = open_metric(viewing)
+        metric = open_cvvdp(viewing)
         from pycvvdp.video_source import video_source_array
 
         for region in pair.regions:
@@ -38,7 +38,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> P
 
 
 @lru_cache(maxsize=1)
-def open_metric(viewing: ViewingConditions) -> Any:
+def open_cvvdp(viewing: ViewingConditions) -> Any:
     """Return a configured `pycvvdp.cvvdp`."""
     with quiet_libraries():
         load_torchvision()
@@ -47,7 +47,7 @@ def open_metric(viewing: ViewingConditions) -> Any:
         one_thread()
         eotf = "sRGB" if viewing.gamma is None else f"{viewing.gamma:g}"
         return pycvvdp.cvvdp(
-            **settings_of(
+            **predictor_settings(
                 viewing,
                 pycvvdp.vvdp_display_photo_eotf,
                 pycvvdp.vvdp_display_geometry,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stimuli.score.measured import PairScores, mean_of
 from stimuli.score.metrics import HOLES
-from stimuli.score.pair import Image, ScoredPair, composed
+from stimuli.score.pair import Image, ScoredPair, composed_region
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 
@@ -25,7 +25,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> P
             if region == HOLES and not hole.any():
                 per_frame["flip", region].append(None)
                 continue
-            errors = flip_map(composed(test, truth, hole, region), truth, viewing.px_per_deg)
+            errors = flip_map(composed_region(test, truth, hole, region), truth, viewing.px_per_deg)
             inside = hole if region == HOLES else np.ones_like(hole)
             per_frame["flip", region].append(float(errors[inside].mean()))
             if region == pair.regions[0]:

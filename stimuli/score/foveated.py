@@ -283,7 +283,7 @@ def score_conditions(
 
     What was measured before is in the folder `cache`.
     """
-    from stimuli.score.report import write_report
+    from stimuli.score.report import write_pages
 
     least = min(subjects.items[0].pair.width_px, subjects.items[0].pair.height_px)
     fit = [metric for metric in choose_metrics(METRICS_OF_FOVEATION) if metric.least_px <= least]
@@ -291,7 +291,7 @@ def score_conditions(
         raise InputError(f"a picture to score must have at least 4 px an edge (has {least})")
     settings = ScoreSettings(tuple(fit), viewing, ViewerGaze((gaze_px,)))
     results = score(subjects, settings, cache=cache, workers=1, report=report)
-    return write_report(results, out)
+    return write_pages(results, out)
 
 
 def _kept(path: Path, frame: NDArray[np.float32]) -> Path:

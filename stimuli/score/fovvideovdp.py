@@ -21,7 +21,7 @@ import numpy as np
 from stimuli.score.measured import PairScores
 from stimuli.score.metrics import HOLES
 from stimuli.score.pair import ScoredPair
-from stimuli.score.torch_parts import VideoSource, one_thread, quiet_libraries, settings_of
+from stimuli.score.torch_parts import VideoSource, one_thread, predictor_settings, quiet_libraries
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 CURRENT = "fvvdp_parameters.json"
@@ -36,7 +36,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> P
         for name, parameters in NAMES.items():
             if parameters is not None and gaze.points_px:
                 continue
-            metric = open_metric(viewing, parameters, foveated=bool(gaze.points_px))
+            metric = open_fvvdp(viewing, parameters, foveated=bool(gaze.points_px))
             from pyfvvdp.video_source import fvvdp_video_source_array
 
             for region in pair.regions:
@@ -49,7 +49,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> P
 
 
 @lru_cache(maxsize=4)
-def open_metric(viewing: ViewingConditions, parameters: str | None, *, foveated: bool) -> Any:
+def open_fvvdp(viewing: ViewingConditions, parameters: str | None, *, foveated: bool) -> Any:
     """Return a configured `pyfvvdp.fvvdp`.
 
     Parameters
@@ -62,7 +62,7 @@ def open_metric(viewing: ViewingConditions, parameters: str | None, *, foveated:
         from pyfvvdp import utils
 
         one_thread()
-        settings = settings_of(
+        settings = predictor_settings(
             viewing,
             pyfvvdp.fvvdp_display_photo_eotf,
             pyfvvdp.fvvdp_display_geometry,

@@ -16,7 +16,7 @@ import numpy as np
 
 from stimuli.score.measured import PairScores, mean_of
 from stimuli.score.metrics import HOLES
-from stimuli.score.pair import Image, ScoredPair, composed
+from stimuli.score.pair import Image, ScoredPair, composed_region
 from stimuli.score.torch_parts import load_torchvision, one_thread, quiet_libraries
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
@@ -42,7 +42,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> P
             for region in pair.regions:
                 value = None
                 if region != HOLES or hole.any():
-                    value = distance(composed(test, truth, hole, region), truth)
+                    value = distance(composed_region(test, truth, hole, region), truth)
                 per_frame["lpips", region].append(value)
     return PairScores({key: mean_of(found) for key, found in per_frame.items()}, per_frame)
 

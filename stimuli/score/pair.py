@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.pictures.colour_file import load_colour
 from pipeline.pictures.header import check_fits
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from stimuli.score.metrics import HOLES
 
 Image = NDArray[np.float32]
@@ -94,7 +94,7 @@ class ScoredPair:
             )
 
 
-def composed(test: Image, truth: Image, mask: Mask, region: str) -> Image:
+def composed_region(test: Image, truth: Image, mask: Mask, region: str) -> Image:
     """Return the picture that is measured in `region`."""
     return np.where(mask[..., None], test, truth) if region == HOLES else test
 
@@ -109,7 +109,7 @@ def read_colour(path: Path) -> Image:
     """
     check_fits(path, "score")
     if path.suffix.lower() == ".png" and path.is_file():
-        stored = decode(path)
+        stored = decode_png(path)
         if stored.ndim == 3 and stored.shape[2] == 3:
             return (stored / np.float32(np.iinfo(stored.dtype).max)).astype(np.float32)
     return load_colour(path)

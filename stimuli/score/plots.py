@@ -41,7 +41,7 @@ def dots(table: ScoreTable) -> Figure:
     """
     metric, count = table.metric, len(table.methods)
     with figure_style():
-        figure = new_figure(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count))
+        figure = arranged_figure(7.2, 0.9 + 0.21 * len(table.rows) * max(2.2, 0.75 * count))
         axes = figure.subplots()
         for index, method in enumerate(table.methods):
             points = [
@@ -87,7 +87,7 @@ def trade_off(
     if len(points) < 2:
         return None
     with figure_style():
-        figure = new_figure(5.2, 3.2)
+        figure = arranged_figure(5.2, 3.2)
         axes = figure.subplots()
         for index, method, time_ms, value in points:
             axes.plot(
@@ -123,7 +123,7 @@ def by_eccentricity(results: ScoreResults, scene: str) -> Figure | None:
     columns = min(3, len(items))
     rows = math.ceil(len(items) / columns)
     with figure_style():
-        figure = new_figure(1.2 + 2.0 * columns, 0.7 + 1.7 * rows)
+        figure = arranged_figure(1.2 + 2.0 * columns, 0.7 + 1.7 * rows)
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for panel in panels[len(items) :]:
             panel.set_visible(False)
@@ -229,7 +229,7 @@ def error_maps(results: ScoreResults) -> tuple[float, list[tuple[str, str, list[
 def colour_bar(top: float, label: str) -> Figure:
     """Draw the scale of the error maps."""
     with figure_style():
-        figure = new_figure(3.6, 0.62)
+        figure = arranged_figure(3.6, 0.62)
         axes = figure.subplots()
         axes.imshow(
             np.linspace(0, 1, 256)[None], aspect="auto", cmap="inferno", extent=(0, top, 0, 1)
@@ -255,7 +255,7 @@ def vector_bytes(figure: Figure, kind: Literal["svg", "pdf"]) -> bytes:
     return _saved(figure, kind, {"Date" if kind == "svg" else "CreationDate": None})
 
 
-def new_figure(width_in: float, height_in: float) -> Figure:
+def arranged_figure(width_in: float, height_in: float) -> Figure:
     """Return an empty figure that arranges its parts itself."""
     figure = Figure(figsize=(width_in, height_in))
     FigureCanvasAgg(figure)

@@ -24,7 +24,7 @@ from protocols.errors import count_of
 from protocols.html_page import Figure, html_page
 from protocols.revision import code_revision, package_version
 from stimuli.score import plots
-from stimuli.score.available import versions
+from stimuli.score.available import metric_versions
 from stimuli.score.measure_clips import ScoreResults
 from stimuli.score.metrics import HOLES, METRICS
 from stimuli.score.tables import (
@@ -57,7 +57,7 @@ _WIDTHS_REM = {"scenes": 50.0, "bands": 50.0, "time": 36.0, "scale": 22.0}
 _AGAINST_TIME = ("fvvdp-1.0", "fvvdp", "cvvdp", "lpips", "statistics")
 
 
-def write_report(
+def write_pages(
     results: ScoreResults,
     out: Path,
     *,
@@ -307,7 +307,7 @@ def _provenance(results: ScoreResults, times_ms: dict[str, float]) -> Rows:
     rows = [
         ("scored with", f"metamerlab {package_version()}, revision {code_revision()}"),
         *results.subjects.origin.items(),
-        *versions(results.metrics).items(),
+        *metric_versions(results.metrics).items(),
         *((f"time of {labels.get(k, k)}", f"{value:.2f} ms") for k, value in times_ms.items()),
     ]
     return Rows.of("", [("", "l"), ("", "l")], [(key, str(value)) for key, value in rows])

@@ -35,7 +35,7 @@ from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
 from stimuli.score.measured import PairScores, mean_of
 from stimuli.score.metrics import FRAME, HOLES
-from stimuli.score.pair import Image, Mask, ScoredPair, composed
+from stimuli.score.pair import Image, Mask, ScoredPair, composed_region
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 Floats = NDArray[np.float64]
@@ -62,7 +62,7 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> P
         for region in pair.regions:
             value = None
             if region == FRAME or hole.any():
-                ours = pooled_moments(composed(test, truth, hole, region), at)
+                ours = pooled_moments(composed_region(test, truth, hole, region), at)
                 value = _distance(ours, true, hole if region == HOLES else None)
             per_frame["statistics", region].append(value)
     return PairScores({key: mean_of(found) for key, found in per_frame.items()}, per_frame)

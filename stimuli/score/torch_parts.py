@@ -47,7 +47,7 @@ class VideoSource:
         return one.get_test_frame(0, **wanted)
 
 
-def settings_of(
+def predictor_settings(
     viewing: ViewingConditions,
     photometry: Callable[..., Any],
     geometry: Callable[..., Any],

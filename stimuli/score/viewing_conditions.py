@@ -141,7 +141,7 @@ class ViewerGaze:
                 )
 
 
-def read_gaze(text: str | None, *, may_be_lost: bool = False) -> ViewerGaze:
+def read_viewer_gaze(text: str | None, *, may_be_lost: bool = False) -> ViewerGaze:
     """Read ``X,Y`` in pixels of the clip, or a CSV file with columns x_px and y_px.
 
     Where the eye `may_be_lost`, a line may have two empty cells, or nan: both numbers are nan then.

@@ -15,7 +15,7 @@ from protocols.disk.result_folder import check_result
 from protocols.disk.whole_file import write_whole
 from protocols.outside import page_bytes, safe_cell
 from protocols.revision import code_revision, package_version
-from stimuli.score.available import versions
+from stimuli.score.available import metric_versions
 from stimuli.score.measure_clips import ScoreResults
 
 CACHE_FOLDER = ".cache"
@@ -83,7 +83,7 @@ def scores_json(
     return {
         "format": 1,
         "made_with": f"{package_version()}, revision {code_revision()}",
-        "versions": dict(versions(results.metrics)),
+        "versions": dict(metric_versions(results.metrics)),
         "origin": dict(results.subjects.origin),
         "display": settings.viewing.as_json(),
         "gaze_px": [list(point) for point in settings.gaze.points_px],

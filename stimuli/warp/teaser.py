@@ -22,7 +22,7 @@ from pipeline.pictures.drawing import Crop, Picture, auto_crops, difference
 from protocols.errors import must_be_one_of
 from protocols.manifest import Clip, Manifest
 from protocols.recipes.base import SCENE
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from stimuli.score.plots import COLOURS, figure_style
 
 METHOD: Final = "method"
@@ -79,7 +79,7 @@ class RowSettings:
     count: int = 2
 
 
-def rows_of(
+def figure_rows(
     folder: Path,
     manifest: Manifest,
     asked: RowSettings = RowSettings(),
@@ -224,7 +224,7 @@ def teaser(
     Parameters
     ----------
     methods, rows : sequences
-        As `rows_of` returns them.
+        As `figure_rows` returns them.
     columns : {1, 2}
         Of the page that the figure is as wide as.
     scores : mapping, optional
@@ -385,7 +385,7 @@ def _fitting(figure: Figure, x: float, y: float, text: str, across_in: float) ->
 
 
 def _read(folder: Path, clip: Clip, index: int) -> Picture:
-    frame = decode(folder / clip.frame_path(index))
+    frame = decode_png(folder / clip.frame_path(index))
     if frame.dtype == np.uint16:
         frame = frame >> 8
     return np.ascontiguousarray(frame[..., :3], np.uint8)

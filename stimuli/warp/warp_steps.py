@@ -30,7 +30,7 @@ from stimuli.warp.one_frame import FillResult
 METAMERIC = "metameric"
 
 
-def write_steps(
+def write_warp_steps(
     folder: Path,
     frame: WarpInput,
     warped: WarpedFrame,

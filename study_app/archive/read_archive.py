@@ -36,7 +36,7 @@ STUDY, SESSIONS, CLIPS = "study", "sessions", "clips"
 """Folders of an archive."""
 
 
-def plain(name: str) -> str:
+def plain_name(name: str) -> str:
     """Return the name of a file inside an archive.
 
     Raises
@@ -55,7 +55,7 @@ def plain(name: str) -> str:
 class ArchivedFile(Model):
     """One file."""
 
-    path: Annotated[str, AfterValidator(plain)]
+    path: Annotated[str, AfterValidator(plain_name)]
     """From the root of the archive, with slashes."""
     bytes: Annotated[int, Field(ge=0)]
     sha256: Sha256
@@ -66,7 +66,7 @@ class Index(Model):
 
     format: Literal[1]
     study: Name
-    protocol: Annotated[str, AfterValidator(plain)]
+    protocol: Annotated[str, AfterValidator(plain_name)]
     """Path of the study's file in the archive."""
     protocol_sha256: Sha256
     revision: str
@@ -118,7 +118,7 @@ class ArchiveFindings:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[IO[bytes]]:
+def opened_archive(path: Path) -> Iterator[IO[bytes]]:
     """Yield the file of an archive.
 
     Raises
@@ -142,7 +142,7 @@ def opened(path: Path) -> Iterator[IO[bytes]]:
         yield file
 
 
-def check(path: Path, file: IO[bytes]) -> ArchiveFindings:
+def check_archive(path: Path, file: IO[bytes]) -> ArchiveFindings:
     """Prove an archive whole: each file against the list, each session as `session verify` does.
 
     Nothing is unpacked for that, and a killed program leaves nothing.
@@ -162,7 +162,7 @@ def check(path: Path, file: IO[bytes]) -> ArchiveFindings:
         return ArchiveFindings(index, sessions, (*problems, *wrong), notes)
 
 
-def check_folder(folder: Path) -> ArchiveFindings:
+def check_unpacked(folder: Path) -> ArchiveFindings:
     """Prove whole what was unpacked by any program.
 
     Raises
@@ -232,7 +232,7 @@ def _trap(info: zipfile.ZipInfo, size: int) -> str | None:
     if info.orig_filename != info.filename:
         return "a name must be plain"
     try:
-        plain(info.filename)
+        plain_name(info.filename)
     except ValueError as error:
         return str(error)
     if stat.S_IFMT(info.external_attr >> 16) not in _PLAIN_FILES:

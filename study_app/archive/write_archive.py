@@ -27,7 +27,7 @@ from study_app.archive.read_archive import (
     ArchivedFile,
     ArchiveFindings,
     Index,
-    check,
+    check_archive,
 )
 from study_app.session_folders import find_sessions
 
@@ -93,7 +93,7 @@ def write_archive(
         with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr(zipfile.ZipInfo(INDEX_NAME, _MOMENT), index.to_bytes())
         file.seek(0)
-        found = check(out, file)
+        found = check_archive(out, file)
         if found.problems and not wanted.as_it_is:
             told = "; ".join(found.problems[:3]) + ("; ..." if found.problems[3:] else "")
             raise StudyError(

@@ -68,11 +68,11 @@ def user_errors() -> Iterator[None]:
     else:
         return
     # Outside the handlers, so that no chain of exceptions hangs on the exit.
-    say("error: " + shortened(message).replace("\n", "\n       "), file=sys.stderr)
+    say("error: " + shortened_message(message).replace("\n", "\n       "), file=sys.stderr)
     raise typer.Exit(EXIT_USER_ERROR)
 
 
-def shortened(message: str) -> str:
+def shortened_message(message: str) -> str:
     """Return a message without the middles of endless lines, and without endless lists."""
     lines = [_shortened(line) for line in message.split("\n")]
     if len(lines) > _LINES_MOST:

@@ -173,11 +173,11 @@ def subjects_of(
     )
     from stimuli.score.measure_clips import ScoreSettings
     from stimuli.score.metrics import choose_metrics
-    from stimuli.score.viewing_conditions import open_viewing, read_gaze
+    from stimuli.score.viewing_conditions import open_viewing, read_viewer_gaze
 
     second, mask, names = options.second, options.mask, options.metrics
     chosen = choose_metrics(None if names is None else [n.strip() for n in names.split(",")])
-    settings = ScoreSettings(chosen, open_viewing(options.display), read_gaze(options.gaze))
+    settings = ScoreSettings(chosen, open_viewing(options.display), read_viewer_gaze(options.gaze))
     if second is None:
         if mask is not None:
             raise StudyError("--mask is for two clips or pictures: a batch has masks of its own")
@@ -256,7 +256,7 @@ def _write(
     say: Callable[[str], None],
     focus: str | None,
 ) -> Path:
-    from stimuli.score.report import write_report
+    from stimuli.score.report import write_pages
     from stimuli.score.speed import time_methods
 
     times_ms: dict[str, float] = {}
@@ -265,7 +265,7 @@ def _write(
         say("timing one fill of each method")
         pair = subjects.items[0].pair
         times_ms, renderer = time_methods(subjects.clips, pair, source.parent, cache)
-    return write_report(results, out, times_ms=times_ms, renderer=renderer, report=say, focus=focus)
+    return write_pages(results, out, times_ms=times_ms, renderer=renderer, report=say, focus=focus)
 
 
 def _print_results(console: Console, results: ScoreResults, focus: str | None) -> None:

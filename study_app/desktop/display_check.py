@@ -17,7 +17,7 @@ from protocols.journal import DisplayReport, UtcTime
 from protocols.latency import LatencySummary
 from protocols.revision import code_revision, package_version
 from protocols.units import Count, Hertz, Model, Name, Sha256
-from study_app.desktop.vsync import MeasuredIntervals, judge, summarise
+from study_app.desktop.vsync import MeasuredIntervals, judge, summarise_flips
 from study_app.desktop.window import Window
 from study_app.pacing import cannot_keep_up
 from study_app.recorder import write_numbered
@@ -79,7 +79,7 @@ def check_display(
         if number >= WARM_UP_FLIPS:
             stamps.append(stamp.t_s)
             evidence = stamp.evidence
-    measured = summarise(stamps, display.refresh_hz)
+    measured = summarise_flips(stamps, display.refresh_hz)
     evidence = judge(measured, display, evidence)
     return DisplayCheck(
         at=wall_clock(),
@@ -117,7 +117,7 @@ def shortfall(check: DisplayCheck) -> str:
     )
 
 
-def write_report(root: Path, check: DisplayCheck) -> DisplayReport:
+def write_display_report(root: Path, check: DisplayCheck) -> DisplayReport:
     """Write a report below the folder of sessions, never over another.
 
     Raises
@@ -136,7 +136,7 @@ def write_report(root: Path, check: DisplayCheck) -> DisplayReport:
     return DisplayReport(file=f"{REPORTS}/{path.name}", sha256=sha256_bytes(data))
 
 
-def verdict(check: DisplayCheck, display: Display) -> Sequence[tuple[str, str]]:
+def display_findings(check: DisplayCheck, display: Display) -> Sequence[tuple[str, str]]:
     """Return the findings for an operator, as (name, sentence)."""
     measured = check.intervals
     lines = [

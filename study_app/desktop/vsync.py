@@ -90,7 +90,7 @@ class MeasuredIntervals(Model):
         return 1.0 / self.mean_s
 
 
-def summarise(stamps_s: Sequence[float], nominal_hz: float) -> MeasuredIntervals:
+def summarise_flips(stamps_s: Sequence[float], nominal_hz: float) -> MeasuredIntervals:
     """Sum up the stamps of flips in a row.
 
     Raises

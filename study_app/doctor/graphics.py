@@ -36,7 +36,7 @@ def check_gl(answer: Answer) -> Finding:
     return Finding(name, Status.PASS, found, "", jobs)
 
 
-def check_display(answer: Answer, environment: Mapping[str, str]) -> list[Finding]:
+def check_screen(answer: Answer, environment: Mapping[str, str]) -> list[Finding]:
     """Window system, what may cover the screen, monitors, and the timing of a window."""
     if "error" in answer or not answer["monitors"]:
         reason = answer.get("error") or "no monitor is connected"

@@ -15,8 +15,8 @@ import psutil
 from packaging.requirements import Requirement
 
 from study_app.doctor import EVERY_JOB, FOR_BOTH, FOR_SESSIONS, Finding, Job, Status
-from study_app.doctor.graphics import check_display, check_gl
-from study_app.doctor.probes import Answer, ask
+from study_app.doctor.graphics import check_gl, check_screen
+from study_app.doctor.probes import Answer, ask_probe
 from study_app.text_image import UnwritableError, typeface_for
 
 DISK_FAIL_GB, DISK_WARN_GB = 1.0, 10.0
@@ -150,7 +150,7 @@ def judge_space(folder: Path, free_gb: float) -> Finding:
     return Finding("disk space", Status.PASS, found)
 
 
-def check_memory(free_gb: float) -> Finding:
+def check_clip_memory(free_gb: float) -> Finding:
     """Room for the two clips of a trial and the next pair."""
     for status, least in ((Status.FAIL, MEMORY_FAIL_GB), (Status.WARN, MEMORY_WARN_GB)):
         if free_gb < least:
@@ -160,7 +160,7 @@ def check_memory(free_gb: float) -> Finding:
 
 
 def examine(
-    folder: Path, *, jobs: Set[Job] = EVERY_JOB, probe: Callable[[str], Answer] = ask
+    folder: Path, *, jobs: Set[Job] = EVERY_JOB, probe: Callable[[str], Answer] = ask_probe
 ) -> list[Finding]:
     """Ask every question of this machine that bears on `jobs`.
 
@@ -178,9 +178,9 @@ def examine(
         check_packages(requirements()),
         *check_python(probe("python")),
         check_gl(probe("gl")),
-        *(check_display(probe("display"), os.environ) if Job.SESSIONS in jobs else ()),
+        *(check_screen(probe("display"), os.environ) if Job.SESSIONS in jobs else ()),
         *check_texts(),
         *check_disk(folder),
-        check_memory(psutil.virtual_memory().available / 1e9),
+        check_clip_memory(psutil.virtual_memory().available / 1e9),
     ]
     return [finding for finding in findings if finding.jobs & jobs]

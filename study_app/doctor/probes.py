@@ -1,6 +1,6 @@
 """Questions to drivers that may crash: each is asked in a process of its own.
 
-`ask` starts that process, which calls `answer`; a crash is reported as an
+`ask_probe` starts that process, which calls `answer`; a crash is reported as an
 answer too.
 """
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # a driver is asked by the process of a probe alone
 Answer = dict[str, Any]  # JSON; "error" holds the reason where there is no answer
 
 
-def ask(name: str, *, timeout_s: float = 60.0) -> Answer:
+def ask_probe(name: str, *, timeout_s: float = 60.0) -> Answer:
     """Run the probe `name` in a process of its own.
 
     Returns
@@ -126,7 +126,7 @@ _DISTURBERS = re.compile(
 
 def _window() -> Answer:
     """The session's own check of a display, in a window over the primary monitor."""
-    from study_app.desktop.display_check import check_display, shortfall, verdict
+    from study_app.desktop.display_check import check_display, display_findings, shortfall
     from study_app.desktop.monitor import monitor_display
     from study_app.desktop.window import Window
     from study_app.recorder import utc_now
@@ -139,7 +139,7 @@ def _window() -> Answer:
     return {
         "renderer": check.renderer,
         "evidence": check.evidence,
-        "measured": dict(verdict(check, window.display))["measured"],
+        "measured": dict(display_findings(check, window.display))["measured"],
         "late": shortfall(check),
     }
 

@@ -14,7 +14,7 @@ from study_app.gaze.source import CalibrationResult, GazeSource, LookAt, Tracker
 from study_app.gaze.validation import (
     EyeUnseenError,
     nine_points_px,
-    summarise,
+    summarise_targets,
     unfit_gaze,
     validate,
 )
@@ -135,7 +135,7 @@ class GazeCheck:
         if points is None:
             return None
         self._fit = False  # an eye that is not seen needs a calibration too
-        result = summarise(points)
+        result = summarise_targets(points)
         self._fit = not unfit_gaze(self._protocol.gaze, result)
         self._listener.on_validation(points, result)
         return result

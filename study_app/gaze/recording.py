@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError
-from protocols.limits import check_rows, unpacked
+from protocols.limits import check_rows, gunzipped
 from protocols.outside import lines_of, reading
 
 Eye = Literal["left", "right"]
@@ -110,7 +110,7 @@ def load_recording(path: Path, eye: Eye | None = None) -> Recording:
     """
     data = read_bytes(path, "the gaze recording")
     if path.suffix == ".gz":
-        data = unpacked(data, path)
+        data = gunzipped(data, path)
     text = data.decode("utf-8", errors="replace")
     check_rows(path, text)
     name = path.name.removesuffix(".gz")

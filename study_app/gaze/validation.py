@@ -84,7 +84,7 @@ class EyeUnseenError(StudyError):
     """An eye that was not seen at a target: seated better, or calibrated again, it may be."""
 
 
-def summarise(points: Sequence[PointQuality]) -> CalibrationResult:
+def summarise_targets(points: Sequence[PointQuality]) -> CalibrationResult:
     """Return the mean over the targets.
 
     Raises

@@ -29,7 +29,7 @@ from protocols.disk.whole_file import read_bytes
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.journal import UtcTime
-from protocols.journal_file import due, first_link, sealed_line, stated
+from protocols.journal_file import due, first_link, line_sum, sealed_line
 from protocols.latency import EyeState, LatencySummary
 from protocols.limits import check_within
 from protocols.recipes.base import Change
@@ -296,7 +296,7 @@ def read_log(path: Path) -> ReadLog:
                 f"{path}: line {number}: must be a line of a live log ({where}: {in_words(found)});"
                 " name a file that 'metamerlab live --record' wrote"
             ) from None
-        if stated(text) != (chain := due(text, chain)):
+        if line_sum(text) != (chain := due(text, chain)):
             raise StudyError(
                 f"{path}: line {number}: must be as it was written (its checksum is another); this"
                 " line or one before it was changed"

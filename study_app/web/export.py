@@ -45,7 +45,7 @@ from protocols.plan import planned_trials
 from protocols.revision import code_revision
 from protocols.script import Drawn, Entry, Frames, Live, Picture, Place, Size, TrialScript
 from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import consent_text, fill
+from protocols.study_file.session_schema import consent_text, filled_text
 from study_app.clips import check_files
 from study_app.paint import Bitmaps, Pixels, bitmaps_of, drawn
 
@@ -120,7 +120,7 @@ class WebBuild:
     def pictures(self) -> dict[str, tuple[Pixels, Place]]:
         """Every picture by its name, cut to its ink, and how far that moved its corner."""
         bitmaps = bitmaps_of(self.shown, self.display)
-        of = {name_of(p.of): p.of for s in self._all_scripts() for p in s.pictures()}
+        of = {picture_name(p.of): p.of for s in self._all_scripts() for p in s.pictures()}
         return {name: cut_out(one, bitmaps) for name, one in sorted(of.items())}
 
     @cached_property
@@ -272,7 +272,7 @@ class WebBuild:
         def filled(text: str) -> str:
             # Numbers of blocks are known when the page is shown.
             kept = text.replace("{done}", "\0").replace("{total}", "\1")
-            return fill(kept, response).replace("\0", "{done}").replace("\1", "{total}")
+            return filled_text(kept, response).replace("\0", "{done}").replace("\1", "{total}")
 
         return WebPages(
             consent=filled(consent_text(texts, self.study.privacy.contact)),
@@ -306,7 +306,7 @@ class WebBuild:
                 if isinstance(entry, Frames):
                     yield (*entry.at, *(entry.crop or (0, 0, *script.stimulus_px))[2:])
         for picture in script.pictures():
-            pixels, (right, down) = self.pictures[name_of(picture.of)]
+            pixels, (right, down) = self.pictures[picture_name(picture.of)]
             yield picture.at[0] + right, picture.at[1] + down, pixels.shape[1], pixels.shape[0]
 
     def _seen(self, slot: int) -> set[str]:
@@ -348,7 +348,7 @@ class WebBuild:
         return self._placed(entry) if isinstance(entry, Picture) else entry
 
     def _placed(self, picture: Picture) -> ShownPicture:
-        name = name_of(picture.of)
+        name = picture_name(picture.of)
         _, (right, down) = self.pictures[name]
         return ShownPicture(of=name, at=(picture.at[0] + right, picture.at[1] + down))
 
@@ -356,7 +356,7 @@ class WebBuild:
         folder.mkdir()
         found = {}
         for name, (pixels, _) in self.pictures.items():
-            data = png_bytes(pixels)
+            data = picture_png(pixels)
             (folder / f"{name[:16]}.png").write_bytes(data)
             size = pixels.shape[1], pixels.shape[0]
             found[name] = PictureFile(
@@ -365,7 +365,7 @@ class WebBuild:
         return found
 
 
-def name_of(of: Drawn) -> str:
+def picture_name(of: Drawn) -> str:
     """Return the name of a picture: the hash of what it shows."""
     return sha256_json(of)
 
@@ -472,7 +472,7 @@ def check_budget(
     )
 
 
-def png_bytes(pixels: Pixels) -> bytes:
+def picture_png(pixels: Pixels) -> bytes:
     """Return a picture as a PNG file without any colour chunk: codes stay what they are."""
     file = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels)).save(file, "PNG", optimize=True)

@@ -24,7 +24,7 @@ OURS = ("PersonalSingle", "GeneralSingle", "MT")
 _HTML = re.compile(r"<[a-zA-Z/!]")
 
 
-def describe(name: str, title: str, page: str, identity: str, people: int) -> dict[str, Json]:
+def jas_text(name: str, title: str, page: str, identity: str, people: int) -> dict[str, Json]:
     """Return the data of a ``.jas`` on a study with one page.
 
     Parameters

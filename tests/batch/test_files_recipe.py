@@ -25,7 +25,7 @@ from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.study_file.new_study import study_files
 from stimuli.batch.check import check_batch
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import BuildMachine
 
@@ -46,7 +46,7 @@ def picture(seed: int, size=(24, 32)) -> np.ndarray:
 
 
 def stored(folder: Path, name: str) -> np.ndarray:
-    return decode(folder / name / "000000.png")
+    return decode_png(folder / name / "000000.png")
 
 
 class Study:
@@ -359,9 +359,9 @@ def test_every_frame_of_a_video_and_of_a_folder_is_taken_in_order(videos):
 
     assert [len(clip.frames_sha256) for clip in outcome.manifest.clips] == [6, 6]
     for index, frame in enumerate(FRAMES):
-        exact = decode(made.clips / "a" / f"{index:06d}.png").astype(int)
+        exact = decode_png(made.clips / "a" / f"{index:06d}.png").astype(int)
         assert abs(exact - frame).max() <= 3, index  # 8-bit YCbCr or RGB inside of the codec
-        assert np.array_equal(decode(made.clips / "b" / f"{index:06d}.png"), frame[::-1])
+        assert np.array_equal(decode_png(made.clips / "b" / f"{index:06d}.png"), frame[::-1])
     assert {clip.fps for clip in outcome.manifest.clips} == {30.0}
     assert len(list((made.clips / "previews").glob("*.webm"))) == 2
     assert check_batch(made.clips).in_order
@@ -398,7 +398,7 @@ def test_a_changed_frame_of_a_folder_makes_its_clip_again(videos, tmp_path):
     made.build()
     Image.fromarray(picture(99)).save(tmp_path / "b" / "frame003.png")
     assert made.build().built == ["b"]
-    assert np.array_equal(decode(made.clips / "b" / "000003.png"), picture(99))
+    assert np.array_equal(decode_png(made.clips / "b" / "000003.png"), picture(99))
 
 
 def test_the_commands_build_check_and_probe_it(metamerlab, stills):
@@ -506,7 +506,7 @@ def circles(path: Path, across: int) -> None:
 
 def shown_circle(clips: Path, name: str) -> list[int]:
     """Return how wide and high the circle is that participants see."""
-    frame = decode(clips / name / "000003.png")
+    frame = decode_png(clips / name / "000003.png")
     inside = frame[..., 0] > 160
     return [int(inside.any(axis=axis).sum()) for axis in (0, 1)]
 

@@ -35,7 +35,7 @@ from protocols.recipes.foveated_images import (
     ShownMethod,
 )
 from stimuli.batch.check import check_batch
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from stimuli.recipes import builder_of
 from stimuli.recipes.base import BuildMachine
 from stimuli.recipes.build_foveated_images import FoveatedBuilder
@@ -97,7 +97,7 @@ def folder(tmp_path):
 
 
 def stored(path) -> np.ndarray:
-    return decode(path).astype(np.float32) / 255
+    return decode_png(path).astype(np.float32) / 255
 
 
 # --- rings and cuts ----------------------------------------------------------------------
@@ -520,8 +520,8 @@ def test_stills_made_without_opengl_are_those_of_the_gpu(folder, study, whole, m
     paths = sorted(whole.glob("*/000000.png"))
     assert len(paths) == 16
     for path in paths:
-        other = decode(folder / "clips" / path.parent.name / path.name).astype(int)
-        assert np.abs(decode(path) - other).max() <= 1
+        other = decode_png(folder / "clips" / path.parent.name / path.name).astype(int)
+        assert np.abs(decode_png(path) - other).max() <= 1
 
 
 def test_an_interrupted_build_keeps_what_is_whole(folder, study, monkeypatch):

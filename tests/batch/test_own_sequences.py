@@ -12,7 +12,7 @@ from protocols.load import shipped
 from protocols.manifest import read_manifest
 from protocols.recipes.warped_clips import BuiltinScene, Clips
 from stimuli.batch.build import build
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from study_app.cli import app
 
 CLIP_PX = (96, 64)  # width, height
@@ -102,7 +102,7 @@ def test_a_sequences_clips_are_the_middle_of_its_files_pixel_for_pixel(built):
     clips, colours = built
     x, y = MARGIN_PX
     for frame in range(4):
-        shown = decode(clips / f"shot__small__reference/{frame:06d}.png")
+        shown = decode_png(clips / f"shot__small__reference/{frame:06d}.png")
         expected = np.rint(255 * colours[frame][y : y + CLIP_PX[1], x : x + CLIP_PX[0]])
         np.testing.assert_array_equal(shown, expected)
 
@@ -110,9 +110,9 @@ def test_a_sequences_clips_are_the_middle_of_its_files_pixel_for_pixel(built):
 def test_outside_the_holes_a_fill_shows_the_moved_pixels_and_holes_are_the_motions(built):
     clips, _ = built
     for frame in (0, 1, 2, 3):
-        hole = decode(clips / f"holes/shot__small/{frame:06d}.png") > 0
-        real = decode(clips / f"shot__small__reference/{frame:06d}.png")
-        filled = decode(clips / f"shot__small__push-pull/{frame:06d}.png")
+        hole = decode_png(clips / f"holes/shot__small/{frame:06d}.png") > 0
+        real = decode_png(clips / f"shot__small__reference/{frame:06d}.png")
+        filled = decode_png(clips / f"shot__small__push-pull/{frame:06d}.png")
         # A quad at a torn corner may reach half a pixel into it.
         assert (filled != real).any(axis=-1)[~hole].sum() <= 1
         # By hand: every second file is real; after one jump a strip of that width is uncovered.

@@ -16,7 +16,7 @@ from pipeline.errors import InputError
 from protocols.manifest import read_manifest
 from stimuli.batch.build import build
 from stimuli.batch.contact import SHOWN_FRAMES, TILE_PX
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from stimuli.media.video import LARGEST_PX, preview_path, write_preview
 
 BEFORE = """<script>
@@ -91,7 +91,7 @@ def report(batch, tmp_path_factory):
 def means(batch, index):
     """Mean colour of frame `index` of every clip, 0 to 255."""
     clips = read_manifest(batch).clips
-    return [decode(batch / clip.frame_path(index)).mean(axis=(0, 1)) for clip in clips]
+    return [decode_png(batch / clip.frame_path(index)).mean(axis=(0, 1)) for clip in clips]
 
 
 @pytest.mark.slow
@@ -152,7 +152,7 @@ def test_previews_play_every_frame_as_it_is(batch):
         for index, frame in enumerate(frames):
             assert frame.shape == (clip.height_px, clip.width_px, 3)
             others = [
-                distance(frame, decode(batch / clip.frame_path(k))) for k in range(len(frames))
+                distance(frame, decode_png(batch / clip.frame_path(k))) for k in range(len(frames))
             ]
             assert int(np.argmin(others)) == index
             assert others[index] < 40  # of 255: small, noisy and compressed; black is 100 away

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from stimuli.batch.build import build
 from stimuli.batch.check import probe_batch
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from study_app.cli.stimuli_commands import app
 
 SPOILED = "box__small__telea"
@@ -36,8 +36,8 @@ def copy(batch, tmp_path):
 def rewrite(copy, index, change):
     """Replace a frame of the spoiled clip by what `change` makes of it and its holes."""
     path = copy / SPOILED / f"{index:06d}.png"
-    hole = decode(copy / f"holes/box__small/{index:06d}.png") > 0
-    cv2.imwrite(str(path), change(decode(path).copy(), hole)[..., ::-1])
+    hole = decode_png(copy / f"holes/box__small/{index:06d}.png") > 0
+    cv2.imwrite(str(path), change(decode_png(path).copy(), hole)[..., ::-1])
 
 
 def probe(copy, *names):

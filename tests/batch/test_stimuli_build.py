@@ -34,7 +34,7 @@ from stimuli.batch.batch_folder import claim, move_over, remove_strangers
 from stimuli.batch.build import build
 from stimuli.batch.check import check_batch
 from stimuli.batch.jobs import describe_renderer
-from stimuli.media.png import decode, is_whole
+from stimuli.media.png import decode_png, is_whole_png
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_a_batch_holds_every_clip_of_its_protocol(batch, plan):
         for method in ("reference", "push-pull", "telea")
     }
     for clip in manifest.clips:
-        frame = decode(batch / clip.frame_path(0))
+        frame = decode_png(batch / clip.frame_path(0))
         assert frame.shape == (clip.height_px, clip.width_px, 3)
         assert 0 < clip.hole_share < 0.3
     assert not (batch / ".build").exists()
@@ -68,9 +68,9 @@ def test_a_batch_holds_every_clip_of_its_protocol(batch, plan):
 
 
 def test_methods_differ_inside_holes_alone(batch):
-    mask = decode(batch / "holes/box__small/000001.png") > 0
+    mask = decode_png(batch / "holes/box__small/000001.png") > 0
     first, second = (
-        decode(batch / f"box__small__{method}/000001.png") for method in ("push-pull", "telea")
+        decode_png(batch / f"box__small__{method}/000001.png") for method in ("push-pull", "telea")
     )
     assert mask.any()
     assert np.array_equal(first[~mask], second[~mask])
@@ -78,9 +78,9 @@ def test_methods_differ_inside_holes_alone(batch):
 
 
 def test_the_other_photograph_is_the_truth_in_the_holes_of_a_pair(batch):
-    mask = decode(batch / "holes/motorcycle__small/000003.png") > 0
+    mask = decode_png(batch / "holes/motorcycle__small/000003.png") > 0
     truth, fill = (
-        decode(batch / f"motorcycle__small__{method}/000003.png").astype(float)
+        decode_png(batch / f"motorcycle__small__{method}/000003.png").astype(float)
         for method in ("reference", "telea")
     )
     assert np.array_equal(truth[~mask], fill[~mask])
@@ -165,14 +165,14 @@ def test_another_rim_makes_only_the_photographs_clips_again(
             assert clip.parameters.get("depth_speckle") is mended
     place = "000003.png"
     with_rim, bare = (
-        decode(folder / "holes/motorcycle__small" / place) > 0 for folder in (batch, copy)
+        decode_png(folder / "holes/motorcycle__small" / place) > 0 for folder in (batch, copy)
     )
     assert (with_rim >= bare).all()
     rim = with_rim & ~bare
     assert rim.sum() > 10
     for method in ("push-pull", "telea", "reference"):
         ours, theirs = (
-            decode(folder / f"motorcycle__small__{method}" / place).astype(float)
+            decode_png(folder / f"motorcycle__small__{method}" / place).astype(float)
             for folder in (batch, copy)
         )
         np.testing.assert_array_equal(ours[~with_rim], theirs[~with_rim])
@@ -520,7 +520,7 @@ def test_a_full_disk_leaves_nothing_that_looks_finished(tmp_path, plan, inline, 
     monkeypatch.undo()
     assert not (out / "manifest.json").exists()
     assert not list(out.rglob("*.part"))
-    assert all(is_whole(path.read_bytes()) for path in out.rglob("*.png"))
+    assert all(is_whole_png(path.read_bytes()) for path in out.rglob("*.png"))
     build(plan, out, inline)
     assert contents(out) == contents(batch)
 

@@ -13,7 +13,7 @@ from pipeline.pictures.colour_file import load_colour
 from protocols.manifest import read_manifest
 from stimuli.batch.build import build
 from stimuli.batch.check import check_batch
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_sixteen_bits_float_frames_and_no_preview(study, read_plan, inline, tmp_
     said = {clip.name: clip.parameters.get("noted") for clip in clips}
     assert said == {name: noted if name.startswith("box") else None for name in said}
     assert said["box__small__telea"]
-    frame = decode(out / "box__small__telea/000001.png")
+    frame = decode_png(out / "box__small__telea/000001.png")
     assert frame.dtype == np.uint16
     floats = load_colour(out / "box__small__telea/000001.exr")
     np.testing.assert_allclose(floats, frame / 65535, atol=2 / 65535)
@@ -68,7 +68,7 @@ def test_a_declared_filter_brings_frames_to_the_displays_pixels(study, read_plan
     build(plan, scaled, inline)
     path.write_text(path.read_text().replace('render_width_px = 156\nrescale = "box"', ""))
     build(read_plan(path), plain, inline)
-    frames = [decode(out / "box__small__reference/000000.png") for out in (scaled, plain)]
+    frames = [decode_png(out / "box__small__reference/000000.png") for out in (scaled, plain)]
     assert frames[0].shape == frames[1].shape == (58, 78, 3)
     assert (frames[0] != frames[1]).any()
 
@@ -109,13 +109,13 @@ def test_a_real_gltf_scene_and_a_real_pair_build_from_one_protocol(study, tmp_pa
     }
     for clip in clips:
         assert clip.hole_share == pytest.approx(0.04, rel=0.15)
-        frame = decode(out / clip.frame_path(3))
+        frame = decode_png(out / clip.frame_path(3))
         assert frame.std() > 20  # a picture, not a plain
     assert check_batch(out).in_order
     # The other photograph is the truth in the holes alone.
-    hole = decode(out / "holes/motorcycle__small/000003.png") > 0
+    hole = decode_png(out / "holes/motorcycle__small/000003.png") > 0
     truth, fill = (
-        decode(out / f"motorcycle__small__{m}/000003.png") for m in ("reference", "telea")
+        decode_png(out / f"motorcycle__small__{m}/000003.png") for m in ("reference", "telea")
     )
     assert np.array_equal(truth[~hole], fill[~hole])
     assert (truth[hole] != fill[hole]).any()

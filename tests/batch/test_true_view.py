@@ -10,7 +10,7 @@ from protocols.load import load_protocol
 from protocols.recipes.warped_clips import TrueView
 from stimuli.batch.build import build
 from stimuli.batch.clip import true_share, with_true_view
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 
 UPSAMPLED = (
     'camera = { kind = "circle" }',
@@ -69,7 +69,7 @@ def test_clips_show_the_truth_around_the_dot_and_the_method_beyond(read_plan, in
     share = true_share(plan.render_px, plan.distance_px, stated)[..., 0]
 
     def frame(path, method):
-        return decode(path.parent / f"clips/box__small__{method}/000001.png")
+        return decode_png(path.parent / f"clips/box__small__{method}/000001.png")
 
     truth, made, shown = frame(mixed, "reference"), frame(plain, "telea"), frame(mixed, "telea")
     assert (share == 1).any()
@@ -114,7 +114,7 @@ def test_clips_are_filled_by_eccentricity(read_plan, inline, tmp_path):
     attention = TransportSettings(**given).attention((height, width))
 
     plain, shown, hole = (
-        decode(path.parent / f"clips/{name}/000000.png")
+        decode_png(path.parent / f"clips/{name}/000000.png")
         for name in ("box__small__push-pull", "box__small__telea", "holes/box__small")
     )
     assert hole[attention == 0].any()

@@ -15,7 +15,7 @@ from pipeline.errors import GLUnavailableError
 from pipeline.methods.registry import create_method
 from pipeline.warp.reference import warp
 from protocols.manifest import read_manifest
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from stimuli.worker import NUMPY
 
 OURS = (
@@ -75,8 +75,8 @@ def test_photographs_with_depth_are_built_alike_with_and_without_opengl(tmp_path
     assert counted.renderer.renderer == NUMPY.renderer != drawn.renderer.renderer
     assert [clip.name for clip in counted.clips] == [clip.name for clip in drawn.clips]
     differ = [
-        np.abs(decode(tmp_path / "drawn" / clip.frame_path(k)).astype(int)
-               - decode(tmp_path / "counted" / clip.frame_path(k)))
+        np.abs(decode_png(tmp_path / "drawn" / clip.frame_path(k)).astype(int)
+               - decode_png(tmp_path / "counted" / clip.frame_path(k)))
         for clip in drawn.clips for k in range(len(clip.frames_sha256))
     ]  # fmt: skip
     assert len(differ) > 4
@@ -103,7 +103,7 @@ def test_one_picture_is_foveated_without_opengl(tmp_path, rng):
         assert done.returncode == 0, done.stderr
         assert ("numpy works instead" in done.stdout) == (not gl)
 
-    drawn, counted = (decode(tmp_path / f"{gl}.png").astype(int) for gl in (True, False))
+    drawn, counted = (decode_png(tmp_path / f"{gl}.png").astype(int) for gl in (True, False))
     assert np.abs(drawn - counted).max() <= 1
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skimage import data
 
-from pipeline.denoising.gpu import DenoisePass, layered
+from pipeline.denoising.gpu import DenoisePass, map_layers
 from pipeline.denoising.maps import MOST_SLOPE, MomentMaps, Sampling, composed, maps_of, metamer_of
 from pipeline.errors import InputError
 from pipeline.foveation import reference
@@ -117,7 +117,7 @@ def test_layers_hold_bands_and_both_slopes(rng):
     maps = MomentMaps(
         np.zeros((8, 12, 3)), rng.uniform(0, 1, (2, 3, 18)), rng.uniform(-1, 1, (2, 3, 6, 2))
     )
-    layers = layered(maps)
+    layers = map_layers(maps)
 
     assert layers.shape == (6 + 2, 2, 3, 4)
     assert np.allclose(layers[5, ..., :3], maps.deviations[..., 15:])

@@ -17,7 +17,7 @@ from pipeline.denoising.gpu import DenoisePass
 from pipeline.denoising.maps import maps_of, metamer_of
 from pipeline.foveation.conditions import foveate
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.pooled_moments import added, slope_of
+from pipeline.foveation.pooled_moments import added, pool_slope
 from pipeline.foveation.pooling import MetamerSettings, Pooling, Pools
 from pipeline.foveation.reference import finished, metamer, metamer_parts
 from pipeline.noise.gains import fitted_mixing
@@ -127,7 +127,7 @@ def test_bound_noise_keeps_its_mean_and_stays_on_the_display(base, deviation):
 @pytest.mark.parametrize("filled", [0.05, 0.4, 0.8])
 def test_the_slope_gives_the_variance_that_is_asked_for(luma, filled):
     mean = norm.ppf(luma)
-    slope = slope_of(np.float64(filled), np.float64(luma), mean)
+    slope = pool_slope(np.float64(filled), np.float64(luma), mean)
     shown = ndtr(mean * np.sqrt(1 + slope**2) + slope * NORMAL)
     assert shown.mean() == pytest.approx(luma, abs=1e-4)
     assert shown.var() == pytest.approx(filled * luma * (1 - luma), rel=0.1)

@@ -39,10 +39,10 @@ from pipeline.foveation.reference import (
     ROOMY,
     blur,
     blurred,
+    lost_noise,
     metamer,
     metamer_parts,
     reach_of,
-    shaped_noise,
 )
 from pipeline.noise.tile import mixed_bands
 from stimuli.score.statistics import statistics_distance
@@ -308,7 +308,7 @@ def test_only_finer_levels_share_weights_among_2x2_pixels(level, shared):
     )
     plane = np.ones((4 * blocks, 4 * blocks, 1, 3 * levels))
 
-    luma = shaped_noise(wanted, plane, levels, "luma", wraps=False).normal[8, 16:-16, 0]
+    luma = lost_noise(wanted, plane, levels, "luma", wraps=False).normal[8, 16:-16, 0]
 
     within, between = np.diff(luma)[::2], np.diff(luma)[1::2]
     if shared:

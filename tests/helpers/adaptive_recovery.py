@@ -313,7 +313,7 @@ def _pair_study(
             first = uniform[i, j, wins[i, j] + wins[j, i]] < share
             wins[(i, j) if first else (j, i)] += 1
         if batch in (9, 14):
-            mean = active_pairs.posterior(wins, prior_sd_jod=range_jod / np.sqrt(12.0)).mean
+            mean = active_pairs.score_posterior(wins, prior_sd_jod=range_jod / np.sqrt(12.0)).mean
             rmse.append(float(np.sqrt(np.mean((mean - truth) ** 2))))
     return rmse[0], rmse[1], float(spearmanr(mean, truth).statistic)
 

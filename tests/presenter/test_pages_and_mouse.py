@@ -9,7 +9,7 @@ from PIL import Image
 
 from protocols.journal import Answer, Break, Calibration, Note, Pause, SessionEnd
 from protocols.make_script import example_scripts, text_picture
-from protocols.study_file.session_schema import fill
+from protocols.study_file.session_schema import filled_text
 from study_app.pages import PageLayout
 from study_app.paint import drawn
 from study_app.stage import Page
@@ -127,7 +127,7 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
         screen.keys("Left")
 
         # The break names its key only when the key does something.
-        rest = fill(texts.break_page, response, done=1, total=2)
+        rest = filled_text(texts.break_page, response, done=1, total=2)
         turn(pages.page(rest, "", 1 / 2).image(), "the break, not yet over")
         turn(pages.page(rest, "space", 1 / 2).image(), "the break, over")
 

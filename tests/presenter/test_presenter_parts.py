@@ -22,7 +22,7 @@ from study_app.desktop.keys import key_name
 from study_app.desktop.monitor import check_mode
 from study_app.desktop.strip import BLOCK_PX, BLOCKS, code_of, crc8, read_both_strips, read_strip
 from study_app.desktop.vsync import judge
-from study_app.desktop.vsync import summarise as summarise_stamps
+from study_app.desktop.vsync import summarise_flips as summarise_stamps
 from study_app.gaze.lsl import LslSpec
 from study_app.gaze.simulated import SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSample
@@ -30,7 +30,7 @@ from study_app.gaze.validation import (
     nine_points_px,
     point_quality,
     smallest_window_deg,
-    summarise,
+    summarise_targets,
     unfit_gaze,
     validate,
 )
@@ -212,7 +212,7 @@ def test_validation_measures_accuracy_and_precision_in_degrees():
     assert quality.precision_deg == pytest.approx(0.2, rel=0.01)
     assert quality.samples == 50
     with pytest.raises(StudyError, match="the eye must be seen at every target"):
-        summarise([quality, point_quality(viewing, target, [])])
+        summarise_targets([quality, point_quality(viewing, target, [])])
 
 
 def test_nine_targets_are_shown_and_a_simulated_eye_is_measured_at_each():
@@ -231,7 +231,7 @@ def test_nine_targets_are_shown_and_a_simulated_eye_is_measured_at_each():
     assert shown[::2] == nine_points_px(viewing)
     assert len(set(shown)) == 9
     assert shown[0] == (960, 540)
-    result = summarise(points)
+    result = summarise_targets(points)
     assert 0.03 < result.accuracy_deg < 0.4  # its jitter and drift
     assert 0.08 < result.precision_deg < 0.13  # sample to sample: 0.05 sqrt(2 axes) sqrt(2)
     assert unfit_gaze(GAZE, result) == ""

@@ -16,10 +16,10 @@ from pipeline.noise.gains import (
     LEAST_GAIN,
     MOST_GAIN,
     fitted_mixing,
+    in_pairs,
     measured_variances,
     overlap_by_levels,
     packed,
-    pairs_of,
     spectral_gains,
     unpacked,
 )
@@ -32,8 +32,8 @@ from pipeline.noise.tile import (
     WHITE_DEVIATION,
     NoiseBands,
     Stream,
-    between,
     look_up,
+    midway,
     noise_bands,
     noise_taps,
     split,
@@ -330,7 +330,7 @@ def test_between_two_texels_lies_the_wave_itself(axis):
     wave = waves(place) + 3 * np.cos(np.pi * place)
     tile = np.moveaxis(np.broadcast_to(wave, (4, 6, 8)), -1, axis)
 
-    dense = np.moveaxis(between(tile, axis), axis, -1)
+    dense = np.moveaxis(midway(tile, axis), axis, -1)
 
     assert dense.shape[-1] == 16
     np.testing.assert_array_equal(dense[..., ::2], np.broadcast_to(wave, dense[..., ::2].shape))
@@ -405,7 +405,7 @@ def test_sums_and_differences_measure_what_the_bands_themselves_do(rng, levels):
     packed = overlap_by_levels(overlap)
 
     measured = np.zeros((levels, 3))
-    for pair, (i, j) in enumerate(pairs_of(levels)):
+    for pair, (i, j) in enumerate(in_pairs(levels)):
         a, b = asked[i], asked[j]
         products = np.array([a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1], a[2] * b[2]])
         crossed = np.array([a[0] * b[2], a[2] * b[0], a[1] * b[2], a[2] * b[1]])

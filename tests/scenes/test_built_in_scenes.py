@@ -10,7 +10,7 @@ from pipeline.errors import InputError
 from stimuli.rendering.render import WorldRenderer
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.shapes import box, crown
-from stimuli.scenes.textures.surface_noise_and_photographs import blurred, finish, ramp
+from stimuli.scenes.textures.surface_noise_and_photographs import cosine_blurred, finish, ramp
 
 
 @pytest.mark.parametrize("name", [
@@ -84,7 +84,7 @@ def test_uneven_light_is_a_gaussian_blur_that_ends_in_mirrors(rng):
 
     expected = ndimage.gaussian_filter(plane, 5.0, mode="reflect")
 
-    np.testing.assert_allclose(blurred(plane, 5.0), expected, rtol=1e-10)
+    np.testing.assert_allclose(cosine_blurred(plane, 5.0), expected, rtol=1e-10)
 
 
 def test_what_is_not_covered_takes_the_nearest_colour(rng):

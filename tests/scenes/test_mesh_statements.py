@@ -26,7 +26,7 @@ from stimuli.rendering.world import Viewpoint
 from stimuli.scenes import mesh_surface
 from stimuli.scenes.mesh_features import INSIDE, ROWS
 from stimuli.scenes.mesh_file import load_world
-from stimuli.scenes.mesh_inputs import data_of_uri, place_of
+from stimuli.scenes.mesh_inputs import data_of_uri, file_of_name
 from study_app.cli import app as whole_app
 from study_app.cli.stimuli_commands import app as typer_app
 
@@ -998,7 +998,7 @@ def test_texels_whose_alpha_is_the_cutoff_keep_their_colour(draw, cutoff):
 def test_a_uri_is_decoded(tmp_path):
     for name in ("a b.png", "a%20b.png"):
         (tmp_path / name).touch()
-    assert place_of(tmp_path / "s.gltf", "a%20b.png").name == "a b.png"
+    assert file_of_name(tmp_path / "s.gltf", "a%20b.png").name == "a b.png"
 
 
 def colours_of(factor):

@@ -14,17 +14,17 @@ from packaging.requirements import Requirement
 
 from study_app.desktop.x11 import XServer
 from study_app.doctor import Finding, Job, Status, python_speed, worst
-from study_app.doctor.graphics import check_display, check_gl
+from study_app.doctor.graphics import check_gl, check_screen
 from study_app.doctor.machine import (
+    check_clip_memory,
     check_disk,
-    check_memory,
     check_packages,
     check_python,
     check_texts,
     examine,
     judge_space,
 )
-from study_app.doctor.probes import PROBES, ask, disturbers
+from study_app.doctor.probes import PROBES, ask_probe, disturbers
 from study_app.text_image import _font_for, find_fonts, missing_characters
 
 GPU = {"renderer": "NVIDIA RTX 4000", "version": "4.6", "software": False}
@@ -134,7 +134,7 @@ NO_WINDOW = "a window must open; install a driver with OpenGL 3.3, or run 'metam
     ],
 )
 def test_timing_is_what_the_sessions_own_check_says(answer, status, said, cure):
-    timing = named(check_display(answer, {}), "timing")
+    timing = named(check_screen(answer, {}), "timing")
 
     assert timing.status is status
     assert said in timing.found
@@ -150,28 +150,28 @@ def test_timing_is_what_the_sessions_own_check_says(answer, status, said, cure):
     ],
 )
 def test_a_machine_without_a_monitor_is_not_fit_for_sessions(answer, said):
-    (finding,) = check_display(answer, {})
+    (finding,) = check_screen(answer, {})
 
     assert (finding.status, finding.found) == (Status.FAIL, said)
     assert "desktop session" in finding.cure
 
 
 def test_a_software_renderer_is_a_warning_for_sessions():
-    window = named(check_display(display(renderer="llvmpipe"), {}), "window")
+    window = named(check_screen(display(renderer="llvmpipe"), {}), "window")
 
     assert window.status is Status.WARN
     assert Job.SESSIONS in window.jobs
 
 
 def test_a_desktop_that_may_cover_or_delay_frames_is_named():
-    quiet = [finding.check for finding in check_display(display(), {})]
+    quiet = [finding.check for finding in check_screen(display(), {})]
     assert quiet == ["display", "monitors", "window", "timing"]
     second = {**display(refresh_hz=240)["monitors"][0], "name": "DP-2", "scale": 2.0}
     answer = display()
     answer |= {"compositor": True, "disturbers": ["dunst", "xscreensaver"]}
     answer["monitors"].append(second)
 
-    findings = check_display(answer, {})
+    findings = check_screen(answer, {})
 
     differ = "DP-1 1920 x 1080 px, 60 Hz at scale 1; DP-2 1920 x 1080 px, 240 Hz at scale 2"
     assert named(findings, "monitors").found == f"they differ: {differ}"
@@ -195,7 +195,7 @@ def test_programs_that_put_windows_over_others_are_known(running, found):
 
 @pytest.mark.parametrize("system", ["Windows", "macOS"])
 def test_a_system_that_no_session_ran_on_is_a_warning(system):
-    said = named(check_display({**display(), "platform": system}, {}), "display")
+    said = named(check_screen({**display(), "platform": system}, {}), "display")
 
     assert said.status is Status.WARN
     assert "never run" in said.cure
@@ -206,7 +206,7 @@ def test_wayland_is_a_warning_even_behind_x11():
         ({**display(), "platform": "Wayland"}, {}),
         (display(), {"WAYLAND_DISPLAY": "wayland-0"}),
     ):
-        assert named(check_display(answer, environment), "display").status is Status.WARN
+        assert named(check_screen(answer, environment), "display").status is Status.WARN
 
 
 @pytest.mark.parametrize(
@@ -219,12 +219,12 @@ def test_wayland_is_a_warning_even_behind_x11():
     ],
 )
 def test_what_may_cover_the_screen_unnoticed_is_a_warning(answer, environment, found, cure):
-    said = named(check_display(display() | answer, environment), "what covers")
+    said = named(check_screen(display() | answer, environment), "what covers")
 
     assert said.status is Status.WARN
     assert found in said.found
     assert cure in said.cure
-    assert not [each for each in check_display(display(), {}) if each.check == "what covers"]
+    assert not [each for each in check_screen(display(), {}) if each.check == "what covers"]
 
 
 def test_a_machine_without_libxcb_says_which_package_brings_it(monkeypatch):
@@ -255,7 +255,7 @@ def test_missing_and_old_packages_are_told():
 
 
 def test_memory_is_judged_by_what_a_trial_takes():
-    statuses = [check_memory(gb).status for gb in (8.0, 3.9, 0.9)]
+    statuses = [check_clip_memory(gb).status for gb in (8.0, 3.9, 0.9)]
 
     assert statuses == [Status.PASS, Status.WARN, Status.FAIL]
 
@@ -282,7 +282,7 @@ def test_a_probe_that_crashes_hangs_or_babbles_is_an_answer(monkeypatch):
             return real([*command[:-1], code], **options)
 
         monkeypatch.setattr("study_app.doctor.probes.subprocess.run", run)
-        answer = ask("gl", timeout_s=timeout_s)
+        answer = ask_probe("gl", timeout_s=timeout_s)
         monkeypatch.undo()
         return str(answer.get("error"))
 
@@ -412,7 +412,7 @@ def test_a_compositor_is_known_by_the_selection_that_it_owns():
 
 @pytest.mark.parametrize("name", sorted(PROBES))
 def test_every_probe_answers_from_a_process_of_its_own(name):
-    answer = ask(name)
+    answer = ask_probe(name)
 
     assert answer
     assert "Traceback" not in str(answer.get("error"))

@@ -122,14 +122,14 @@ def test_the_archive_is_one_that_jatos_takes(exported, lab):
 
 @pytest.mark.parametrize(("title", "shown"), [("A <b>x", "A (>x"), ("é" * 300, "é" * 255)])
 def test_a_title_is_one_that_jatos_takes(title, shown):
-    said = jzip.describe("s", title, "index.html", "id", 1)
+    said = jzip.jas_text("s", title, "index.html", "id", 1)
     assert said["title"] == said["componentList"][0]["title"] == shown
 
 
 def test_an_archive_that_is_larger_than_jatos_takes_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(jzip, "MOST_BYTES", 10)
     (tmp_path / "index.html").write_text("")
-    said = jzip.describe("s", "T", "index.html", "id", 1)
+    said = jzip.jas_text("s", "T", "index.html", "id", 1)
     with pytest.raises(StudyError, match="JATOS would refuse the archive: must have at most"):
         jzip.write(tmp_path, said, tmp_path / "o.jzip")
     assert not (tmp_path / "o.jzip").exists()
@@ -137,7 +137,7 @@ def test_an_archive_that_is_larger_than_jatos_takes_is_refused(tmp_path, monkeyp
 
 def test_a_study_of_a_reserved_name_goes_into_another_folder(tmp_path):
     (tmp_path / "index.html").write_text("")
-    jzip.write(tmp_path, jzip.describe("public", "T", "index.html", "id", 1), tmp_path / "o.jzip")
+    jzip.write(tmp_path, jzip.jas_text("public", "T", "index.html", "id", 1), tmp_path / "o.jzip")
     with zipfile.ZipFile(tmp_path / "o.jzip") as archive:
         assert "public-study/index.html" in archive.namelist()
 

@@ -36,7 +36,7 @@ def photograph(name: str, size: int = SIZE_PX) -> Plane:
     from skimage import data
 
     grey = np.asarray(getattr(data, name)(), np.float64)[:512, :512]
-    grey = grey - blurred(grey, 48.0)
+    grey = grey - cosine_blurred(grey, 48.0)
     shifted = np.roll(grey, (256, 256), (0, 1))
     ramp = np.minimum(np.arange(512), 511 - np.arange(512)) / 48.0
     weight = np.clip(np.minimum(ramp[:, None], ramp[None, :]), 0, 1)
@@ -89,7 +89,7 @@ def _rounded(plane: Plane) -> Plane:
     return np.rint(within, out=within)
 
 
-def blurred(plane: Plane, sigma: float) -> Plane:
+def cosine_blurred(plane: Plane, sigma: float) -> Plane:
     """Gaussian blur of a square, reflected at its edges: a product for a cosine transform.
 
     The kernel ends at four times `sigma`, as scipy's does.

@@ -84,7 +84,7 @@ def figure(
     """
     from protocols.disk.whole_file import write_whole
     from stimuli.score.plots import png_bytes, vector_bytes
-    from stimuli.warp.teaser import RowSettings, rows_of, teaser
+    from stimuli.warp.teaser import RowSettings, figure_rows, teaser
 
     if out.suffix not in ENDINGS:
         raise StudyError(f"--out: must end in {', '.join(ENDINGS)} (got {out})")
@@ -94,7 +94,7 @@ def figure(
     study = source if is_study else protocol
     labels = {} if study is None else dict(load_protocol(study, recorded=True).stimuli.labels())
     manifest = read_manifest(clips)
-    chosen, rows = rows_of(
+    chosen, rows = figure_rows(
         clips,
         manifest,
         RowSettings(

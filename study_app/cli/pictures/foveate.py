@@ -361,9 +361,9 @@ def track_of(gaze: str, display: str | None, fps: float, say: Callable[[str], No
             return np.array([on_grid(place) for place in places])
 
         return replay
-    from stimuli.score.viewing_conditions import read_gaze
+    from stimuli.score.viewing_conditions import read_viewer_gaze
 
-    points = np.array(read_gaze(gaze, may_be_lost=True).points_px)
+    points = np.array(read_viewer_gaze(gaze, may_be_lost=True).points_px)
 
     def table(frames: int, size: tuple[int, int]) -> NDArray[np.float64]:  # noqa: ARG001
         if len(points) != frames:

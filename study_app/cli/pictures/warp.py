@@ -140,7 +140,7 @@ def _run(
     from pipeline.warp.speckle import mends
     from stimuli.warp.one_frame import comparison, warp_and_fill
     from stimuli.warp.upsampled import periphery, upsampled, upsampled_sheet
-    from stimuli.warp.warp_steps import write_steps
+    from stimuli.warp.warp_steps import write_warp_steps
 
     compare, steps = looks.compare, looks.steps
     frame, settings, truth = loaded.frame, loaded.settings, loaded.truth
@@ -171,7 +171,7 @@ def _run(
         console.print(f"wrote {compare} ({len(fills)} methods)")
     if steps is not None:
         with console.status("writing every step ..."):
-            written = write_steps(steps, frame, warped, plain, seed=seed)
+            written = write_warp_steps(steps, frame, warped, plain, seed=seed)
         console.print(f"wrote {len(written)} pictures to {steps}; begin with {written[-1]}")
 
 

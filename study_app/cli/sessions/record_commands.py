@@ -20,7 +20,13 @@ from protocols.errors import StudyError, count_of
 from protocols.journal import SessionEnd
 from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
 from protocols.study_file.schema import StudyProtocol
-from study_app.archive.read_archive import INDEX_NAME, ArchiveFindings, check, check_folder, opened
+from study_app.archive.read_archive import (
+    INDEX_NAME,
+    ArchiveFindings,
+    check_archive,
+    check_unpacked,
+    opened_archive,
+)
 from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
@@ -258,10 +264,10 @@ def verify_archive(path: Path) -> None:
         If it is not.
     """
     if path.is_dir():
-        found = check_folder(path)
+        found = check_unpacked(path)
     else:
-        with opened(path) as file:
-            found = check(path, file)
+        with opened_archive(path) as file:
+            found = check_archive(path, file)
     _tell(path, found)
     if found.problems:
         raise StudyError(

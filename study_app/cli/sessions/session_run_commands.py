@@ -154,7 +154,12 @@ def check_display_(
 
     Example: metamerlab session check-display my-display.toml
     """
-    from study_app.desktop.display_check import check_display, shortfall, verdict, write_report
+    from study_app.desktop.display_check import (
+        check_display,
+        display_findings,
+        shortfall,
+        write_display_report,
+    )
     from study_app.desktop.window import Window
     from study_app.recorder import utc_now
 
@@ -164,8 +169,8 @@ def check_display_(
         say(f"measuring {flips} flips ({flips / described.refresh_hz:.0f} s) ...")
         check = check_display(window, utc_now, flips)
         check = check.model_copy(update={"gaze_to_flip": _own_latency(window)})
-        report = write_report(out, check)
-    print_rows(verdict(check, described))
+        report = write_display_report(out, check)
+    print_rows(display_findings(check, described))
     say(f"report: {out / report.file}")
     if late := shortfall(check):
         raise StudyError(late)

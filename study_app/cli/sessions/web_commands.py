@@ -81,7 +81,7 @@ def export_web(
         identity = f"{study.sha256}:{sha256_file(out / 'study.json')}"
         people = study.study.participants
         name, title = study.study.name, study.study.title
-        jzip.write(out, jzip.describe(name, title, "index.html", identity, people), jatos)
+        jzip.write(out, jzip.jas_text(name, title, "index.html", identity, people), jatos)
         say(f"{jatos}: import it into JATOS as a study.")
     say(f"{out}: complete. Links for {count_of(study.study.participants, 'participant')}:")
     for slot in range(study.study.participants):

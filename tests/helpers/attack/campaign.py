@@ -26,7 +26,7 @@ import typer
 from attack.mutations import mutated
 from attack.readers import READERS, Reader, absurd, write_samples
 
-from study_app.cli.error_messages import shortened, user_errors
+from study_app.cli.error_messages import shortened_message, user_errors
 
 HANG_CPU_S, HANG_WALL_S = 20.0, 120.0
 """Most that one input may take, of the processor and in all."""
@@ -239,7 +239,7 @@ class _message:  # noqa: N801
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> bool:
         if error is not None:
-            self._told.append(shortened(str(error)))
+            self._told.append(shortened_message(str(error)))
         return bool(self._errors.__exit__(kind, error, trace))
 
 

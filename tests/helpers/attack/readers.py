@@ -53,10 +53,10 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, load_toml, shipped
 from protocols.manifest import read_manifest, write_manifest
 from protocols.recipes.files import read_table as read_stimuli
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from stimuli.scenes.mesh_file import load_world
-from stimuli.score.viewing_conditions import open_viewing, read_gaze
-from study_app.archive.read_archive import check, opened
+from stimuli.score.viewing_conditions import open_viewing, read_viewer_gaze
+from study_app.archive.read_archive import check_archive, opened_archive
 from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.attempt import FLIPS_HEADER, LIVE_HEADER
 from study_app.gaze.recording import load_recording
@@ -136,8 +136,8 @@ def _samples(path: Path) -> Any:
 
 
 def _archive(path: Path) -> Any:
-    with opened(path) as file:
-        found = check(path, file)
+    with opened_archive(path) as file:
+        found = check_archive(path, file)
     return [entry.bytes for entry in found.index.files]
 
 
@@ -162,7 +162,7 @@ READERS: tuple[Reader, ...] = (
     Reader("picture-jpeg", "p.jpg", mutations.RAW, read_any),
     Reader("picture-tiff", "p.tif", mutations.RAW, load_colour),
     Reader("picture-hdr", "p.hdr", mutations.RAW, read_any),
-    Reader("frame-png", "p.png", mutations.PNG, decode),
+    Reader("frame-png", "p.png", mutations.PNG, decode_png),
     Reader("video", "v.avi", mutations.RAW, _video),
     Reader("video-mp4", "v.mp4", mutations.RAW, _video),
     Reader("video-mkv", "v.mkv", mutations.RAW, _video),
@@ -195,7 +195,7 @@ READERS: tuple[Reader, ...] = (
     Reader("gaze-csv", "g.csv", mutations.PLAIN, load_recording, _lost),
     Reader("gaze-csv-gz", "g.csv.gz", mutations.PACKED, load_recording, _lost),
     Reader("gaze-asc", "g.asc", mutations.PLAIN, load_recording, _gaze),
-    Reader("gaze-points", "points.csv", mutations.PLAIN, lambda path: read_gaze(str(path))),
+    Reader("gaze-points", "points.csv", mutations.PLAIN, lambda path: read_viewer_gaze(str(path))),
     Reader("decisions-csv", "decisions.csv", mutations.PLAIN, read_decisions, _lost, 0.3),
     Reader("table-xlsx", "old.xlsx", mutations.ZIPPED, _spreadsheet, _anything),
     Reader("table-ods", "old.ods", mutations.ZIPPED, _spreadsheet, _anything),

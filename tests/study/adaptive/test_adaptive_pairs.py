@@ -19,7 +19,7 @@ from protocols.adaptive.active_pairs import (
     Scores,
     information_gain,
     next_batch,
-    posterior,
+    score_posterior,
 )
 from protocols.disk.hashing import Chance
 from protocols.errors import StudyError
@@ -45,7 +45,7 @@ def test_a_jod_is_that_of_the_analysis():
 
 
 def test_without_answers_the_posterior_is_the_prior():
-    found = posterior(np.zeros((3, 3)), prior_sd_jod=2.0)
+    found = score_posterior(np.zeros((3, 3)), prior_sd_jod=2.0)
 
     np.testing.assert_allclose(found.mean, 0.0)
     np.testing.assert_allclose(found.covariance, 4.0 * np.eye(3))
@@ -54,7 +54,7 @@ def test_without_answers_the_posterior_is_the_prior():
 
 def test_the_mean_of_two_conditions_is_the_highest_point_on_their_difference():
     """With independent priors of SD s, the difference has a prior of SD s sqrt 2."""
-    found = posterior([[0, 5], [2, 0]], prior_sd_jod=1.5)
+    found = score_posterior([[0, 5], [2, 0]], prior_sd_jod=1.5)
 
     def cost(d: float) -> float:
         return d * d / (4 * 1.5**2) - 5 * log_ndtr(d / JOD_SIGMA) - 2 * log_ndtr(-d / JOD_SIGMA)
@@ -81,7 +81,7 @@ def test_the_posterior_is_close_to_the_exact_one():
     gap = q[0] - q[2]
     variance = (weight * (gap - (weight * gap).sum()) ** 2).sum()
 
-    found = posterior(wins, prior_sd_jod=1.0)
+    found = score_posterior(wins, prior_sd_jod=1.0)
 
     np.testing.assert_allclose(found.mean, mean - mean.mean(), atol=0.08)
     assert found.difference_variance()[0, 2] == pytest.approx(variance, rel=0.08)
@@ -93,7 +93,7 @@ def test_it_is_the_maximum_of_the_analysis_where_answers_are_many(rng):
 
     scores = analysed.fit_scores(wins[first, second], wins[second, first], 4)
 
-    np.testing.assert_allclose(posterior(wins, prior_sd_jod=50.0).mean, scores, atol=1e-3)
+    np.testing.assert_allclose(score_posterior(wins, prior_sd_jod=50.0).mean, scores, atol=1e-3)
 
 
 def test_it_is_the_highest_point_whatever_the_answers(proof_count):
@@ -105,7 +105,7 @@ def test_it_is_the_highest_point_whatever_the_answers(proof_count):
         wins *= rng.random((count, count)) < 0.5
         np.fill_diagonal(wins, 0)
 
-        mean = posterior(wins, prior_sd_jod=prior_sd_jod).mean
+        mean = score_posterior(wins, prior_sd_jod=prior_sd_jod).mean
 
         gap = (mean[:, None] - mean[None, :]) / JOD_SIGMA
         pull = wins * np.exp(norm.logpdf(gap) - log_ndtr(gap)) / JOD_SIGMA
@@ -115,7 +115,7 @@ def test_it_is_the_highest_point_whatever_the_answers(proof_count):
 
 
 def test_a_condition_that_always_wins_has_a_finite_score():
-    found = posterior([[0, 1000, 1000], [0, 0, 500], [0, 500, 0]], prior_sd_jod=1.0)
+    found = score_posterior([[0, 1000, 1000], [0, 0, 500], [0, 500, 0]], prior_sd_jod=1.0)
 
     assert np.all(np.isfinite(found.covariance))
     assert 2.0 < found.mean[0] < 10.0
@@ -130,7 +130,7 @@ def test_the_posterior_agrees_with_that_of_asap(case):
     """
     mean, variance = np.array(case["mean"]), np.array(case["variance"])
 
-    found = posterior(case["wins"])
+    found = score_posterior(case["wins"])
 
     own = found.mean / JOD_SIGMA
     assert np.corrcoef(own, mean)[0, 1] > 0.999
@@ -203,7 +203,7 @@ def test_no_other_tree_has_less_inverse_gain(seed):
     """All 125 trees of five conditions."""
     rng = np.random.default_rng(seed)
     wins = votes(rng, rng.normal(0.0, 2.0, 5), 20)
-    gain = information_gain(posterior(wins))
+    gain = information_gain(score_posterior(wins))
 
     def cost(tree):
         return sum(1.0 / gain[i, j] for i, j in tree)
@@ -279,4 +279,4 @@ def test_a_table_that_cannot_be_is_refused(wins, told):
 
 def test_a_prior_without_width_is_refused():
     with pytest.raises(StudyError, match=r"prior_sd_jod: must be greater than 0 \(got 0\)"):
-        posterior(np.zeros((2, 2)), prior_sd_jod=0.0)
+        score_posterior(np.zeros((2, 2)), prior_sd_jod=0.0)

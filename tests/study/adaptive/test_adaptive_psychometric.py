@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtri
 
 from analysis.models import psychometric as fitted
-from protocols.adaptive.answer_history import check_history, check_levels
+from protocols.adaptive.answer_history import check_history, check_rising
 from protocols.adaptive.psychometric_function import SHAPES, probability, sigmoid, slope_of
 from protocols.errors import StudyError
 
@@ -91,13 +91,13 @@ def test_all_arguments_broadcast():
     ("job", "told"),
     [
         (lambda: sigmoid(0.0, 1.0, 1.0, "cauchy"), "shape: must be one of gauss, logistic"),
-        (lambda: check_levels((1.0,)), "levels: must hold two levels or more (got 1)"),
+        (lambda: check_rising((1.0,)), "levels: must hold two levels or more (got 1)"),
         (
-            lambda: check_levels((1.0, 3.0, 2.0)),
+            lambda: check_rising((1.0, 3.0, 2.0)),
             "levels[2]: must be above the one before it, 3 (got 2)",
         ),
-        (lambda: check_levels((1.0, 1.0)), "levels[1]: must be above the one before it, 1 (got 1)"),
-        (lambda: check_levels((1.0, float("nan"))), "levels[1]: must be a finite number (got nan)"),
+        (lambda: check_rising((1.0, 1.0)), "levels[1]: must be above the one before it, 1 (got 1)"),
+        (lambda: check_rising((1.0, float("nan"))), "levels[1]: must be a finite number (got nan)"),
         (
             lambda: check_history([(1.0, True), (2.5, True)], (1.0, 2.0)),
             "history[1]: must be one of the 2 allowed levels from 1 to 2 (got 2.5)",
@@ -116,5 +116,5 @@ def test_a_mistake_is_told_with_its_place(job, told):
 
 
 def test_levels_that_are_right_pass():
-    check_levels((-1.0, 0.0, 2.5))
+    check_rising((-1.0, 0.0, 2.5))
     check_history([(0.0, True), (2.5, np.False_)], (0.0, 2.5))

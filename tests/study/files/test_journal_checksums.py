@@ -16,7 +16,7 @@ from analysis.tidy import read_sessions
 from protocols.disk.hashing import canonical_json, sha256_bytes
 from protocols.errors import StudyError
 from protocols.journal import Attempt, Note, event_line
-from protocols.journal_file import due, first_link, read_journal, sealed, stated
+from protocols.journal_file import due, first_link, line_sum, read_journal, sealed
 from protocols.load import load_display, load_protocol
 from study_app.cli import app
 from study_app.recorder import Recorder
@@ -65,7 +65,7 @@ def test_a_checksum_is_the_hash_of_the_one_before_and_of_the_line_without_its_ow
 
     assert first.chain == sha256_bytes(sha256_bytes(b"").encode() + bare)
     assert json.loads(line) == json.loads(bare) | {"chain": first.chain}
-    assert (stated(line), due(line[:-1], first_link(b""))) == (first.chain, first.chain)
+    assert (line_sum(line), due(line[:-1], first_link(b""))) == (first.chain, first.chain)
 
 
 def test_every_line_of_a_new_journal_has_its_checksum(sample_sessions):

@@ -42,16 +42,16 @@ from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.journal import SideFile
 from protocols.journal_file import read_journal
-from protocols.limits import FIXED, LIMITS, LIMITS_VARIABLE, unpacked
+from protocols.limits import FIXED, LIMITS, LIMITS_VARIABLE, gunzipped
 from protocols.load import load_display, load_protocol
 from protocols.manifest import read_manifest
 from protocols.outside import bounded_bytes, lines_of, parsed_json, visible_line
 from protocols.plan import make_plan, planned_trials
 from protocols.recipes.files import read_table as read_stimuli
-from stimuli.media.png import decode
+from stimuli.media.png import decode_png
 from stimuli.media.video import unpacked_video
 from stimuli.scenes.mesh_file import load_world
-from stimuli.score.viewing_conditions import read_gaze
+from stimuli.score.viewing_conditions import read_viewer_gaze
 from study_app.cli import app
 from study_app.cli.pictures.figure_command import _scores
 from study_app.clips import read_frame
@@ -183,15 +183,15 @@ def test_gzip_files_unpack_to_a_limit(tmp_path, monkeypatch):
     packed = gzip.compress(data)
     path = tmp_path / "g.csv.gz"
 
-    assert unpacked(packed, path) == data
-    assert unpacked(packed + gzip.compress(b"more"), path) == data + b"more"
-    assert unpacked(b"", path) == b""
+    assert gunzipped(packed, path) == data
+    assert gunzipped(packed + gzip.compress(b"more"), path) == data + b"more"
+    assert gunzipped(b"", path) == b""
     for broken in (packed[:-9], packed[: len(packed) // 2], b"text", packed[:4] + b"\xff" * 40):
         with pytest.raises(StudyError, match="must be a whole gzip file"):
-            unpacked(broken, path)
+            gunzipped(broken, path)
     monkeypatch.setenv(LIMITS_VARIABLE, "text=4e6")
     with pytest.raises(StudyError, match="must unpack to at most 4,000,000 bytes"):
-        unpacked(packed, path)
+        gunzipped(packed, path)
 
 
 ASC = "** x\nGAZE_COORDS 0 0 1919 1079\nSTART 1\n{}END 9\n"
@@ -251,7 +251,7 @@ def test_poses_gaze_and_tables_that_no_reader_can_read_are_one_message(tmp_path)
     wide = tmp_path / "wide.csv"
     wide.write_text("t_s,x,y_px\n1,2,3,4\n")
     with pytest.raises(StudyError, match="must have the columns x_px and y_px"):
-        read_gaze(str(wide))
+        read_viewer_gaze(str(wide))
     turned = tmp_path / "turned.csv"
     turned.write_bytes(b"t_s,x_px,y_px\n0.1,1,2\r0.2,1,3\r,,\n")
     with suppress(StudyError):  # and nothing else
@@ -316,7 +316,7 @@ def test_gaze_farther_away_than_any_screen_is_refused(tmp_path, place):
     with pytest.raises(StudyError, match="gaze must be in pixels of the screen"):
         load_recording(path)
     with pytest.raises(StudyError, match="must be two numbers, pixels from"):
-        read_gaze(f"{place},1")
+        read_viewer_gaze(f"{place},1")
 
 
 def test_what_a_library_says_is_shown_on_one_line():
@@ -329,7 +329,7 @@ def test_frames_and_videos_are_looked_at_before_they_are_decoded(tmp_path, monke
     huge = tmp_path / "huge.png"
     small_file_of_a_huge_picture(huge)
     with pytest.raises(InputError, match="must hold at most"):
-        decode(huge)
+        decode_png(huge)
     video = tmp_path / "v.avi"
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30, (16, 12))
     for _ in range(3):
@@ -394,7 +394,7 @@ def test_a_link_that_leads_to_itself_is_one_message(tmp_path):
 def test_tables_have_a_limit_of_lines(tmp_path, monkeypatch):
     path = tmp_path / "t.csv"
     path.write_text("t_s,x_px,y_px\n" + "".join(f"{n},1,1\n" for n in range(5)))
-    readers = (Table, load_recording, lambda p: read_gaze(str(p)), read_stimuli)
+    readers = (Table, load_recording, lambda p: read_viewer_gaze(str(p)), read_stimuli)
     assert len(Table(path).rows) == 5
     monkeypatch.setenv(LIMITS_VARIABLE, "rows=5")
     for read in readers:

@@ -16,7 +16,7 @@ from protocols.viewing import Viewing
 from study_app.gaze.gaze_check import GazeCheck, Targets
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
-from study_app.gaze.validation import PointQuality, point_quality, summarise
+from study_app.gaze.validation import PointQuality, point_quality, summarise_targets
 from study_app.recorder import Recorder
 from study_app.session_setup import SessionSetup
 from study_app.stage import PageResult
@@ -59,7 +59,7 @@ def test_a_validation_keeps_the_mean_of_all_four_over_its_targets():
         for case in ORACLE["cases"]
         if case["rms_s2s_deg"] is not None
     ]
-    result = summarise(points)
+    result = summarise_targets(points)
 
     for name in ("accuracy_deg", "precision_deg", "sd_deg", "lost_share"):
         mean = sum(getattr(point, name) for point in points) / len(points)
@@ -155,7 +155,7 @@ def test_calibration_is_offered_again_where_the_eye_is_not_seen():
 
     tries = [unseen, seen]
     check = GazeCheck(None, setup_of(study), Asked(), Told(), Targets())
-    check._validate = lambda: summarise([tries.pop(0)])
+    check._validate = lambda: summarise_targets([tries.pop(0)])
     assert check.passed(0)
     assert [event.kind for event in told] == ["note", "calibration"]
     assert "the eye must be seen at every target (not at (960, 540) px)" in pages[0].text
