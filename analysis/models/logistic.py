@@ -248,7 +248,6 @@ def glmm_probit(
     *,
     groups: Sequence[str],
     slopes: Sequence[tuple[str, str]] = (),
-    reference: Mapping[str, str] | None = None,
     inference: Inference = USUAL,
 ) -> ModelFit:
     """Fit a probit model with crossed random effects: detection theory as a regression.
@@ -262,7 +261,7 @@ def glmm_probit(
     -----
     As `glmm_logit`; a model without finite maximum is flagged and has no numbers.
     """
-    model = FormulaDesign.of(formula, trials, reference)
+    model = FormulaDesign.of(formula, trials, None)
     fit = _mixed(model, trials, groups, slopes, PROBIT, inference)
     if fit.covariance is not None:
         return fit

@@ -15,6 +15,7 @@ from analysis.models.cells import checked, grid, numbered, one_condition
 from analysis.models.contrasts import (
     IN_CONDITION,
     CrossedDesign,
+    Difference,
     Pair,
     absorbing,
     equal,
@@ -569,22 +570,8 @@ def _model(
         ),
         conditions=_rated(trials, fit, crossed, level),
         contrasts=tuple(
-            RatingDifference(
-                first=gap.first,
-                second=gap.second,
-                difference=gap.difference,
-                lower=gap.lower,
-                upper=gap.upper,
-                level=level,
-                df=gap.df,
-                p=gap.p,
-                p_adjusted=gap.p_adjusted,
-                superiority=superiority(gap.difference, trials.link),
-                t=gap.t,
-                ratio_p=own,
-                ratio_p_adjusted=together,
-            )
-            for gap, (own, together) in zip(gaps, tested, strict=True)
+            _rating_difference(gap, superiority(gap.difference, trials.link), *ratio)
+            for gap, ratio in zip(gaps, tested, strict=True)
         ),
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,
@@ -602,6 +589,15 @@ def _model(
             level=level,
             asked=asked or {},
         ),
+    )
+
+
+def _rating_difference(
+    gap: Difference, higher: float, own: float, together: float
+) -> RatingDifference:
+    value = gap.first, gap.second, gap.difference, gap.lower, gap.upper, gap.level
+    return RatingDifference(
+        *value, gap.df, gap.p, gap.p_adjusted, higher, gap.t, ratio_p=own, ratio_p_adjusted=together
     )
 
 

@@ -55,22 +55,6 @@ class Scale:
     equal_p: float
     warnings: tuple[str, ...]
 
-    def relative_to(self, name: str) -> tuple[Floats, Floats]:
-        """Return scores and standard errors, both (k,), with condition `name` at zero.
-
-        Raises
-        ------
-        ValueError
-            If `name` is none of the conditions.
-        """
-        if name not in self.conditions:
-            raise ValueError(f"name must be one of {list(self.conditions)} (got {name!r})")
-        index = self.conditions.index(name)
-        shift = np.eye(len(self.conditions))
-        shift[:, index] -= 1.0
-        variance = np.einsum("ij,jk,ik->i", shift, self.covariance, shift)
-        return shift @ self.scores, np.sqrt(variance.clip(min=0.0))
-
 
 @dataclass(frozen=True)
 class Contrast:

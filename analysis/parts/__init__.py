@@ -31,6 +31,8 @@ from protocols.tasks.mixed import MixedAnalysis, Weights
 T = TypeVar("T")
 V = TypeVar("V")
 
+PartNumbers: TypeAlias = Mapping[str, Any]
+"""Numbers of parts by the parts' names."""
 EQUIVALENCE = "equivalence"
 """Name of a test that is to show that there is nothing; its power is that without an effect."""
 Tests: TypeAlias = Mapping[str, Callable[[], Floats]]
@@ -251,7 +253,7 @@ class Part(ABC, Generic[P, R]):
         self,
         table: pd.DataFrame,
         plan: P,
-        found: Mapping[str, Any],
+        found: PartNumbers,
         chance: np.random.Generator,
     ) -> R:
         """Return every number.
@@ -326,7 +328,7 @@ class SimplePart(Part[P, R]):
         self,
         table: pd.DataFrame,
         plan: P,
-        _found: Mapping[str, Any],
+        _found: PartNumbers,
         _chance: np.random.Generator,
     ) -> R:
         """Return every number."""

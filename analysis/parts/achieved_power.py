@@ -1,8 +1,8 @@
 """Size of the primary comparison in JOD, and its power with the people who came or are planned."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from analysis.models.clustered import ClusteredShare, two_way
 from analysis.models.compared_methods import Comparisons, counts
 from analysis.models.numeric import two_sided_quantile
-from analysis.parts import Part, Presentation
+from analysis.parts import Part, PartNumbers, Presentation
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.report.wording import leading, level_text, number, number_range, share
 from protocols.blocks import Heading, Paragraph
@@ -62,11 +62,7 @@ class AchievedPowerPart(Part[PreferencePlan, AchievedPower]):
         return plan.primary is not None and plan.test != "pooled" and _people(table, plan) > 2
 
     def compute(
-        self,
-        table: pd.DataFrame,
-        plan: PreferencePlan,
-        _found: Mapping[str, Any],
-        _chance: Generator,
+        self, table: pd.DataFrame, plan: PreferencePlan, _found: PartNumbers, _chance: Generator
     ) -> AchievedPower:
         """Judge it by the study's own test."""
         assert plan.primary is not None

@@ -1,10 +1,10 @@
 """Logit mixed models of choices: one of each comparison, and one of all pairings."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,7 @@ from analysis.models.logistic import Coefficient, ModelFit, glmm_logit
 from analysis.models.mixed.inference import Inference
 from analysis.models.paired.bradley_terry_mixed import PairedContrast, PairedModel, paired_model
 from analysis.models.preference import Preference
-from analysis.parts import Part, Presentation, tried
+from analysis.parts import Part, PartNumbers, Presentation, tried
 from analysis.parts.preferences import PreferenceResults
 from analysis.parts.shared import GroupedRow, adjusted, rows_of, sd_text
 from analysis.plans.preference_plan import PreferencePlan
@@ -63,11 +63,7 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
     needs: ClassVar[tuple[str, ...]] = ("preferences",)
 
     def compute(
-        self,
-        table: pd.DataFrame,
-        plan: PreferencePlan,
-        found: Mapping[str, Any],
-        _chance: Generator,
+        self, table: pd.DataFrame, plan: PreferencePlan, found: PartNumbers, _chance: Generator
     ) -> ChoiceModels:
         """Fit each comparison, and all pairings of each size."""
         preferences: PreferenceResults = found["preferences"]

@@ -1,15 +1,14 @@
 """The planned comparisons of a study of right answers."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
-import numpy as np
 import pandas as pd
+from numpy.random import Generator
 
 from analysis.models.contrasts import Difference
 from analysis.models.right_answers import Rate
-from analysis.parts import Part, Presentation
+from analysis.parts import Part, PartNumbers, Presentation
 from analysis.parts.shared import apa_difference, decides, planned_family
 from analysis.plans.rate_plan import RatePlan
 from analysis.report.wording import (
@@ -50,11 +49,7 @@ class ComparisonsPart(Part[RatePlan, PlannedTests]):
     needs: ClassVar[tuple[str, ...]] = ("rates", "sensitivity", "thresholds")
 
     def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RatePlan,
-        found: Mapping[str, Any],
-        _chance: np.random.Generator,
+        self, table: pd.DataFrame, plan: RatePlan, found: PartNumbers, _chance: Generator
     ) -> PlannedTests:
         """Choose what the study compares."""
         notes = []

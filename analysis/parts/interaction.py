@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from operator import attrgetter
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,7 @@ from analysis.models.compared_methods import pairing_rows
 from analysis.models.contrasts import Difference
 from analysis.models.right_answers import Influence, Rate, rate, share_influence
 from analysis.models.second_factor import jod_interactions, share_interactions
-from analysis.parts import Part, PartFigure, Presentation, Tests
+from analysis.parts import Part, PartFigure, PartNumbers, Presentation, Tests
 from analysis.parts.scale import BOOTSTRAP_SAMPLES
 from analysis.parts.shared import apa_difference, between
 from analysis.plans.preference_plan import PreferencePlan
@@ -194,11 +194,7 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
     """Preferences between sizes, in shares and in JOD."""
 
     def compute(
-        self,
-        table: pd.DataFrame,
-        plan: PreferencePlan,
-        _found: Mapping[str, Any],
-        chance: Generator,
+        self, table: pd.DataFrame, plan: PreferencePlan, _found: PartNumbers, chance: Generator
     ) -> Interactions:
         """Compare each pairing between sizes."""
         rows, places = _on_grid(table, plan)
@@ -272,7 +268,7 @@ class RateInteraction(InteractionPart[RatePlan]):
         return not plan.adaptive and super().wanted(table, plan)
 
     def compute(
-        self, table: pd.DataFrame, plan: RatePlan, _found: Mapping[str, Any], _chance: Generator
+        self, table: pd.DataFrame, plan: RatePlan, _found: PartNumbers, _chance: Generator
     ) -> Interactions:
         """Compare each condition's difference to the first between the factor's values."""
         rows, places = _on_grid(table, plan)

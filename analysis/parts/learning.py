@@ -2,17 +2,18 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
+from numpy.random import Generator
 
 from analysis.models.compared_methods import Comparisons
 from analysis.models.trends import Course, Trend, course, trend
-from analysis.parts import AnalysisPlan, Part, PartFigure, Presentation
+from analysis.parts import AnalysisPlan, Part, PartFigure, PartNumbers, Presentation
 from analysis.parts.ratings import RatingResults
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
@@ -83,7 +84,7 @@ class LearningPart(Part[P, Learning]):
 
     @abstractmethod
     def outcomes(
-        self, table: pd.DataFrame, plan: P, found: Mapping[str, Any]
+        self, table: pd.DataFrame, plan: P, found: PartNumbers
     ) -> Iterator[LearnedOutcome]:
         """Yield the answers that may change; the first is drawn."""
 
@@ -92,11 +93,7 @@ class LearningPart(Part[P, Learning]):
         return plan.compared
 
     def compute(
-        self,
-        table: pd.DataFrame,
-        plan: P,
-        found: Mapping[str, Any],
-        _chance: np.random.Generator,
+        self, table: pd.DataFrame, plan: P, found: PartNumbers, _chance: Generator
     ) -> Learning:
         """Return the trend of each outcome."""
         outcomes = list(self.outcomes(table, plan, found))
@@ -171,7 +168,7 @@ class RightLearning(LearningPart[RatePlan]):
     axis: ClassVar[str] = "Share of right answers"
 
     def outcomes(
-        self, table: pd.DataFrame, plan: RatePlan, _found: Mapping[str, Any]
+        self, table: pd.DataFrame, plan: RatePlan, _found: PartNumbers
     ) -> Iterator[LearnedOutcome]:
         """Yield right answers, unless levels adapt."""
         if not plan.adaptive:
@@ -191,7 +188,7 @@ class ChoiceLearning(LearningPart[PreferencePlan]):
     axis: ClassVar[str] = "Share of choices"
 
     def outcomes(
-        self, table: pd.DataFrame, plan: PreferencePlan, _found: Mapping[str, Any]
+        self, table: pd.DataFrame, plan: PreferencePlan, _found: PartNumbers
     ) -> Iterator[LearnedOutcome]:
         """Yield choices of the first of each pairing."""
         grouped = Comparisons(table)
@@ -215,7 +212,7 @@ class StepLearning(LearningPart[RatingPlan]):
     bounds: ClassVar[None] = None
 
     def outcomes(
-        self, table: pd.DataFrame, _plan: RatingPlan, found: Mapping[str, Any]
+        self, table: pd.DataFrame, _plan: RatingPlan, found: PartNumbers
     ) -> Iterator[LearnedOutcome]:
         """Yield the step that was rated."""
         ratings: RatingResults = found["ratings"]

@@ -5,12 +5,21 @@ from dataclasses import dataclass, replace
 from functools import partial
 from math import hypot
 from operator import attrgetter
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import pandas as pd
 from numpy.random import Generator
 
-from analysis.parts import AnalysisPlan, AnyPart, Estimate, Part, Presentation, estimates_of, tried
+from analysis.parts import (
+    AnalysisPlan,
+    AnyPart,
+    Estimate,
+    Part,
+    PartNumbers,
+    Presentation,
+    estimates_of,
+    tried,
+)
 from analysis.report.result_table import (
     ResultColumn,
     ResultTable,
@@ -101,7 +110,7 @@ class PlacesPart(Part[AnalysisPlan, Places]):
         return "remote" in table and bool((table["remote"] == 1).any())
 
     def compute(
-        self, table: pd.DataFrame, plan: AnalysisPlan, _found: Mapping[str, Any], _chance: Generator
+        self, table: pd.DataFrame, plan: AnalysisPlan, _found: PartNumbers, _chance: Generator
     ) -> Places:
         """Count sessions by place; estimate the primary result at each."""
         by_place = {

@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, TypeVar
@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.random import Generator
 
 from analysis.models.mixed.deviations import MOST_PROFILED, Deviation
-from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, Presentation
+from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, PartNumbers, Presentation
 from analysis.plots.trial_plots import caterpillar_plot
 from analysis.report.result_table import (
     ResultTable,
@@ -71,7 +71,7 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
         """Yield the models of the other part."""
 
     def compute(
-        self, _table: pd.DataFrame, plan: P, found: Mapping[str, Any], _chance: Generator
+        self, _table: pd.DataFrame, plan: P, found: PartNumbers, _chance: Generator
     ) -> RandomEffectResults:
         """Take them from the models that were fitted."""
         (name,) = self.needs

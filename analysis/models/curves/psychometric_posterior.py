@@ -171,9 +171,7 @@ def psychometric_posterior(
     trials: Floats,
     curve: CurveForm = TWO_ALTERNATIVES,
     *,
-    overdispersed: bool = True,
     level: float = 0.95,
-    rate_prior: tuple[float, float] = PRIOR,
 ) -> PsychometricPosterior:
     """Integrate the posterior of a psychometric function on a grid.
 
@@ -184,10 +182,6 @@ def psychometric_posterior(
     curve : CurveForm
         Of which ``weibull`` is ``gumbel`` on logarithmic levels. The priors of threshold and width
         are on the same axis.
-    overdispersed : bool
-        Beta-binomial answers; else binomial.
-    rate_prior : (a, b)
-        Beta law of rates that are fitted.
 
     Raises
     ------
@@ -224,7 +218,7 @@ def psychometric_posterior(
         "width": (gap, 3.0 * span),
         "guess": (0.0, RATE_MAX) if curve.guess is None else (curve.guess, curve.guess),
         "lapse": (0.0, RATE_MAX) if curve.lapse is None else (curve.lapse, curve.lapse),
-        "spread": (0.0, SPREAD_MAX) if overdispersed else (0.0, 0.0),
+        "spread": (0.0, SPREAD_MAX),
     }
 
     def log_density(grid: Mapping[str, Floats]) -> Floats:
@@ -234,11 +228,10 @@ def psychometric_posterior(
         )  # fmt: skip
         prior = _log(_threshold_prior(place, low, high)) + _log(_width_prior(width, gap, span))
         if curve.lapse is None:
-            prior = prior + _log_beta(lapsed, *rate_prior)
+            prior = prior + _log_beta(lapsed, *PRIOR)
         if curve.guess is None:
-            prior = prior + _log_beta(guessed, *rate_prior)
-        strayed = _log_beta(grid["spread"], *PRIOR) if overdispersed else np.zeros(1)
-        height = np.asarray(prior[..., None] + strayed)
+            prior = prior + _log_beta(guessed, *PRIOR)
+        height = np.asarray(prior[..., None] + _log_beta(grid["spread"], *PRIOR))
         for level_x, hits, shown_n in zip(axis, right, total, strict=True):
             rise = _rise(level_x, place, width, shape, falling)
             height += _log_answers(
@@ -281,7 +274,7 @@ def psychometric_posterior(
 
 
 def compare_thresholds(
-    fits: Mapping[str, PsychometricPosterior], *, reference: str | None = None
+    fits: Mapping[str, PsychometricPosterior],
 ) -> tuple[ThresholdDifference, ...]:
     """Compare thresholds that come from different answers: of conditions, or of people.
 
@@ -291,11 +284,11 @@ def compare_thresholds(
     Raises
     ------
     ValueError
-        If there is one fit only, `reference` is none of them, or they differ in axis or limits.
+        If there is one fit only, or they differ in axis or limits.
     """
     if len(fits) < 2:
         raise ValueError("two fits or more are needed to compare thresholds")
-    pairs = pairs_of(fits, reference)
+    pairs = pairs_of(fits, None)
     first_fit = next(iter(fits.values()))
     if any(
         (fit.logarithmic, fit.level) != (first_fit.logarithmic, first_fit.level)

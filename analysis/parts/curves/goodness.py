@@ -1,17 +1,18 @@
 """Goodness of fit of the population's curves: deviance, and residuals by level and over time."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from numpy.random import Generator
 
 from analysis.models.curves.goodness_of_fit import Misfit, curve_misfits, misfits
 from analysis.models.numeric import ROUNDING
 from analysis.models.trends import Course, Trend, course, trend
-from analysis.parts import Part, PartFigure, Presentation
+from analysis.parts import Part, PartFigure, PartNumbers, Presentation
 from analysis.parts.levels import SECTION, Curves, figure_axes, section_title
 from analysis.parts.shared import adjusted, condition, in_order
 from analysis.plans.rate_plan import RatePlan
@@ -73,11 +74,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
         return plan.level is not None
 
     def compute(
-        self,
-        table: pd.DataFrame,
-        plan: RatePlan,
-        found: Mapping[str, Any],
-        chance: np.random.Generator,
+        self, table: pd.DataFrame, plan: RatePlan, found: PartNumbers, chance: Generator
     ) -> Goodness:
         """Simulate studies of the model, and compare."""
         model, over, drawn, notes = found.get("thresholds"), None, None, []
