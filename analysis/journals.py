@@ -5,10 +5,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from protocols.against_plan import contradictions, plan_of
-from protocols.disk.side_files import SideFiles, check_side_files
 from protocols.errors import StudyError
 from protocols.journal import SessionStart
-from protocols.journal_file import DamagedLine, Journal, find_journals, read_journal
+from protocols.journal_file import (
+    DamagedLine,
+    Journal,
+    SideFiles,
+    check_side_files,
+    find_journals,
+    read_journal,
+)
 from protocols.plugins import culprit
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.pairs import PairTask

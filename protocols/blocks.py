@@ -1,10 +1,13 @@
-"""Blocks of which every page is made: headings, paragraphs, tables, figures, pictures.
+"""Blocks of which every page is made, headings, tables, figures, and the page of them.
 
 A text is escaped on the page unless it is `Markup`. ``blocks.html`` draws each kind.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Protocol, TypeAlias, TypeVar
 
 from markupsafe import Markup
@@ -72,7 +75,7 @@ class TableBlock:
         rows: Iterable[Sequence[str]],
         *,
         totals: bool = False,
-    ) -> "TableBlock":
+    ) -> TableBlock:
         """Return a table of columns (title, style) and rows of texts."""
         return cls(
             caption,
@@ -84,7 +87,7 @@ class TableBlock:
     @classmethod
     def each(
         cls, caption: str, things: Iterable[T], *columns: tuple[str, str, Callable[[T], str]]
-    ) -> "TableBlock":
+    ) -> TableBlock:
         """Return a table with a row for each of some things, of columns (title, style, cell)."""
         rows = [[cell(thing) for _, _, cell in columns] for thing in things]
         return cls.of(caption, [(title, style) for title, style, _ in columns], rows)
@@ -105,7 +108,7 @@ class Cautions:
     notes: tuple[str, ...]
 
     @classmethod
-    def each(cls, title: str, things: Iterable[W], name: Callable[[W], str]) -> "Cautions":
+    def each(cls, title: str, things: Iterable[W], name: Callable[[W], str]) -> Cautions:
         """Return the warnings of some results, equal ones once, with the names of the results."""
         return cls(title, grouped([(name(one), one.warnings) for one in things]))
 
@@ -178,7 +181,7 @@ class Section:
     blocks: tuple[Block, ...]
 
     @classmethod
-    def of(cls, title: str, *blocks: Block, name: str = "") -> "Section":
+    def of(cls, title: str, *blocks: Block, name: str = "") -> Section:
         """Return a section that its title names, and links to it."""
         return cls(name or title.lower().replace(" ", "-"), title, title, blocks)
 
@@ -200,4 +203,61 @@ def grouped(notes: Sequence[tuple[str, Sequence[str]]]) -> tuple[str, ...]:
         if (len(found) == everywhere and everywhere > 1) or not any(found)
         else f"{'; '.join(found)}: {text}"
         for text, found in names.items()
+    )
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a page: its caption, and SVG as `Markup`; another for small screens."""
+
+    caption: str
+    wide: str = ""
+    narrow: str = ""
+    width_rem: float | None = None
+    """At most; None: that of all figures."""
+
+
+def html_page(title: str, template: str = "protocols/page.html", **values: object) -> str:
+    """Return a page.
+
+    Parameters
+    ----------
+    title : str
+        Of the browser's window; the page's own where there is no `heading`.
+    template : str
+        Package and file, which extends ``page.html``: ``stimuli/batch/contact.html``.
+    values : object
+        `heading`; `under` it a line; `stamp` on top of the page and over every printed one; `lead`
+        blocks; `sections`; `figures` by the names in `FigurePlace`; and what the template names.
+
+    Raises
+    ------
+    jinja2.UndefinedError
+        If it names what is not given.
+    """
+    # Imported here: commands that only print their help need no templates.
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+    package, _, name = template.rpartition("/")
+    environment = Environment(
+        loader=ChoiceLoader(
+            [PackageLoader(package.replace("/", "."), "."), PackageLoader("protocols", "page")]
+        ),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    style = files("protocols").joinpath("page/page.css").read_text(encoding="utf-8")
+    usual: Mapping[str, object] = {
+        "heading": "",
+        "under": "",
+        "stamp": "",
+        "lead": (),
+        "sections": (),
+        "figures": {},
+    }
+    return environment.get_template(name).render(
+        {**usual, **values, "title": title, "style": Markup(style)}
     )

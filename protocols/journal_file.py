@@ -1,4 +1,4 @@
-"""Reads journals: strictly for a session that goes on, leniently for an analysis; checksums.
+"""Reads journals: strictly for a session that goes on, leniently for an analysis; checks hashes.
 
 Each line vouches for itself and for all lines before it. Its checksum is the SHA-256 of the line
 before's checksum, followed by the line as it reads with ``null`` in the checksum's place, without
@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,15 +20,18 @@ from typing import get_args
 
 from pydantic import ValidationError
 
-from protocols.disk.hashing import sha256_bytes
+from protocols.disk.hashing import sha256_bytes, sha256_file
 from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError, refuse_format_1
 from protocols.journal import (
     EVENT,
     AnyEvent,
     Attempt,
+    DisplayReport,
+    Note,
     SessionResume,
     SessionStart,
+    SideFile,
     Withdrawal,
     event_line,
 )
@@ -307,3 +311,67 @@ def _parse(line: bytes) -> AnyEvent | str:
 
 
 _KINDS = {kind.model_fields["kind"].default for kind in get_args(get_args(AnyEvent)[0])}
+
+
+@dataclass(frozen=True)
+class WrongFile:
+    """A file that is not as it was recorded."""
+
+    file: str
+    """Name of the file in the journal."""
+    reason: str
+    """`is missing`, `was changed`, ..."""
+
+
+@dataclass(frozen=True)
+class SideFiles:
+    """Check of the files that a journal names."""
+
+    checked: int
+    wrong: tuple[WrongFile, ...]
+
+
+def check_side_files(journal: Journal) -> SideFiles:
+    """Hash every file that a journal names: gaze, flips, what a tracker recorded, and the
+    display's report.
+
+    Raises
+    ------
+    StudyError
+        If a file that is there cannot be read.
+    """
+    wrong, checked = [], 0
+    for folder, entry in _named(journal):
+        checked += 1
+        reason = _reason(folder, entry)
+        if reason is not None:
+            wrong.append(WrongFile(entry.file, reason))
+    return SideFiles(checked, tuple(wrong))
+
+
+def _named(journal: Journal) -> Iterator[tuple[Path, SideFile | DisplayReport]]:
+    """Yield each file that the journal names, with the folder that its name starts from."""
+    beside = journal.path.parent
+    root = beside.absolute().parent.parent
+    for event in journal.events:
+        if isinstance(event, Attempt):
+            for side in (event.gaze_file, event.flips_file):
+                if side is not None:
+                    yield beside, side
+        elif isinstance(event, Note) and event.file is not None:
+            yield beside, event.file
+        elif isinstance(event, SessionStart | SessionResume) and event.display_report is not None:
+            yield root, event.display_report
+
+
+def _reason(folder: Path, entry: SideFile | DisplayReport) -> str | None:
+    name = entry.file
+    if name.startswith("/") or ".." in name.split("/") or "\0" in name:
+        return "lies outside the folder of sessions"
+    try:
+        found = sha256_file(folder / name)
+    except FileNotFoundError:
+        return "is missing"
+    except OSError as error:
+        raise StudyError(f"{folder / name}: must be readable ({error.strerror})") from None
+    return None if found == entry.sha256 else "was changed"

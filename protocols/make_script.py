@@ -10,7 +10,7 @@ from typing import TypeAlias, assert_never, get_args
 from pydantic import ValidationError
 
 from protocols import phases
-from protocols.display import Display
+from protocols.display import Display, Viewing
 from protocols.errors import StudyError
 from protocols.manifest import Manifest
 from protocols.phases import ITI, STUDY_QUESTION, Drawable
@@ -37,7 +37,6 @@ from protocols.study_file.problems import in_words
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import filled_text, key_label, unknown_placeholders
 from protocols.tasks.base import whole_frames
-from protocols.viewing import Viewing
 
 ShownAlone: TypeAlias = (
     phases.Fixation

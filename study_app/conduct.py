@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from protocols.disk.hashing import sha256_bytes
+from protocols.display import Viewing
 from protocols.errors import StudyError
 from protocols.journal import (
     Answer,
@@ -30,7 +31,6 @@ from protocols.study_file.session_schema import (
     consent_text,
     filled_text,
 )
-from protocols.viewing import Viewing
 from study_app.attempt import (
     AttemptLog,
     AttemptResult,

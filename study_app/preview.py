@@ -15,10 +15,9 @@ from typing import Any, Final, assert_never
 import cv2
 import numpy as np
 
-from protocols.blocks import TableBlock
-from protocols.display import Display
+from protocols.blocks import TableBlock, html_page
+from protocols.display import Display, Viewing
 from protocols.feasibility import virtual_manifest
-from protocols.html_page import html_page
 from protocols.make_script import Scripts
 from protocols.manifest import Manifest
 from protocols.plan import PlannedTrial, make_plan
@@ -37,7 +36,6 @@ from protocols.script import (
 )
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import key_label
-from protocols.viewing import Viewing
 from study_app.clips import read_frame
 from study_app.paint import Pixels, bitmaps_of, drawn
 from study_app.shown_texts import require_showable, shown_texts

@@ -9,13 +9,13 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 
 from pipeline.gl.context import describe
+from protocols.display import Viewing
 from protocols.errors import StudyError
 from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.make_script import example_scripts
 from protocols.manifest import check_manifest
 from protocols.plan import Plan, PlannedTrial
 from protocols.study_file.schema import StudyProtocol
-from protocols.viewing import Viewing
 from study_app.clips import check_files
 from study_app.conduct import RunOutcome, conduct
 from study_app.desktop.display_check import (

@@ -14,13 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from protocols.disk.hashing import Json, sha256_json
-from protocols.display import Display
+from protocols.display import Display, Viewing
 from protocols.feasibility import virtual_manifest
 from protocols.journal import Attempt
 from protocols.manifest import Manifest
 from protocols.plan import PlannedTrial
 from protocols.study_file.schema import StudyProtocol
-from protocols.viewing import Viewing
 from study_app.conduct import RunOutcome, conduct
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, SimulatedGaze
 from study_app.observers import ArtificialObserver, ObserverModel, default_model, rng_of

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from protocols.against_plan import contradictions, plan_of
-from protocols.disk.side_files import check_side_files
 from protocols.errors import StudyError
 from protocols.journal import Attempt, SessionStart
-from protocols.journal_file import Journal
+from protocols.journal_file import Journal, check_side_files
 from protocols.plan import Plan
 from protocols.study_file.schema import StudyProtocol
 from study_app.session import RunTrial, next_step

@@ -11,6 +11,7 @@ from protocols.blocks import (
     Cautions,
     Code,
     CopyText,
+    Figure,
     FigurePlace,
     Heading,
     MediaFile,
@@ -18,9 +19,9 @@ from protocols.blocks import (
     Paragraph,
     Section,
     TableBlock,
+    html_page,
     strong,
 )
-from protocols.html_page import Figure, html_page
 
 OURS = ("analysis", "pipeline", "protocols", "stimuli", "study_app")
 PARTICIPANTS = "study_app/web/"

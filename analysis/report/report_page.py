@@ -10,9 +10,17 @@ from analysis.report.content import ReportContent, participant_blocks
 from analysis.report.report_source import ReportSource
 from analysis.report.values import rows_as_json
 from analysis.tidy import TidyTables
-from protocols.blocks import Block, Cautions, CopyText, Paragraph, Section, TableBlock
+from protocols.blocks import (
+    Block,
+    Cautions,
+    CopyText,
+    Figure,
+    Paragraph,
+    Section,
+    TableBlock,
+    html_page,
+)
 from protocols.disk.hashing import Json
-from protocols.html_page import Figure, html_page
 
 
 def report_page(

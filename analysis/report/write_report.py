@@ -27,10 +27,9 @@ from analysis.report.report_source import (
 from analysis.report.values import as_json, rows_as_json
 from analysis.tables.table_files import write_table
 from analysis.tidy import write_tables
-from protocols.blocks import Paragraph
+from protocols.blocks import Figure, Paragraph
 from protocols.disk.hashing import Json
 from protocols.disk.result_folder import check_result, whole_folder
-from protocols.html_page import Figure
 from protocols.latency import LatencySummary
 from protocols.outside import inline_svg, json_bytes, page_bytes
 from protocols.results import FORMAT, NAME

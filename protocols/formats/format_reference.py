@@ -1,16 +1,82 @@
-"""The reference of a format for people: a section per class, made from the published schema."""
+"""Schemas of formats for programs, and references for people, a section per class."""
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from itertools import takewhile
+from pathlib import Path
 from typing import Any, TypeAlias
 
-from protocols.formats.publish import json_schema
+from pydantic import TypeAdapter
+
+from protocols.browser.web_lines import LINE
+from protocols.browser.web_study import WebStudy
+from protocols.disk.hashing import Json
+from protocols.display import Display
+from protocols.journal import EVENT
+from protocols.manifest import Manifest
+from protocols.plan import Plan
+from protocols.results import Results
+from protocols.script import TrialScript
+from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import KEY_PATTERN, KEYS_IN_WORDS
 from protocols.units import NAME_LENGTH, NAME_PATTERN
+
+_FORMATS: dict[str, tuple[Callable[[], dict[str, Json]], str]] = {
+    "study": (TypeAdapter(StudyProtocol).json_schema, "metamerlab study protocol"),
+    "display": (TypeAdapter(Display).json_schema, "metamerlab display"),
+    "manifest": (TypeAdapter(Manifest).json_schema, "metamerlab manifest of clips"),
+    "journal": (EVENT.json_schema, "one line of a metamerlab session journal"),
+    "plan": (TypeAdapter(Plan).json_schema, "trials of one participant of a metamerlab study"),
+    "script": (TypeAdapter(TrialScript).json_schema, "metamerlab trial, as it is drawn"),
+    "web-study": (TypeAdapter(WebStudy).json_schema, "metamerlab study, as a browser runs it"),
+    "web-line": (LINE.json_schema, "one line that a browser sends home"),
+    "results": (TypeAdapter(Results).json_schema, "results of a metamerlab report"),
+}
+
+
+def schema_names() -> tuple[str, ...]:
+    """Return the names of the published formats."""
+    return tuple(_FORMATS)
+
+
+def json_schema(name: str) -> dict[str, Json]:
+    """Return the JSON Schema (2020-12) of a format; `KeyError` if there is none of that name."""
+    made, title = _FORMATS[name]
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **made(),
+        "title": title,
+    }
+
+
+@cache
+def schema_text(name: str) -> str:
+    """Return the content of a published schema file."""
+    return json.dumps(json_schema(name), indent=1, ensure_ascii=False, sort_keys=True) + "\n"
+
+
+def schema_path(name: str) -> Path:
+    """Return the path of the published schema of a format."""
+    return Path(str(files("protocols"))) / "schemas" / f"{name}.schema.json"
+
+
+def publish() -> list[Path]:
+    """Write every schema file; return those that changed."""
+    changed = []
+    for name in _FORMATS:
+        path, text = schema_path(name), schema_text(name)
+        path.parent.mkdir(exist_ok=True)
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8", newline="\n")
+            changed.append(path)
+    return changed
+
 
 Schema: TypeAlias = dict[str, Any]
 """A part of a JSON Schema."""
@@ -79,7 +145,7 @@ def reference_text(name: str) -> str:
     Parameters
     ----------
     name : str
-        One of `protocols.formats.publish.schema_names`.
+        One of `protocols.formats.format_reference.schema_names`.
     """
     schema: Schema = dict(json_schema(name))
     sections = _in_reading_order(schema)

@@ -25,8 +25,7 @@ from pydantic import BaseModel
 from protocols.disk.hashing import sha256_bytes
 from protocols.display import Display
 from protocols.errors import StudyError, must_be_one_of, shortest
-from protocols.formats.format_reference import bounds_in_words, toml_text
-from protocols.formats.publish import schema_text
+from protocols.formats.format_reference import bounds_in_words, schema_text, toml_text
 from protocols.limits import FIXED
 from protocols.load import load_display, protocol_of, with_tuples
 from protocols.study_file.own_stimuli import OwnStimuli

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from protocols.blocks import Block, Section, TableBlock
+from protocols.blocks import Block, Section, TableBlock, html_page
 from protocols.browser.web_study import rates_of
 from protocols.disk.hashing import sha256_json
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import session_duration_s, virtual_manifest
-from protocols.html_page import html_page
 from protocols.manifest import Manifest
 from protocols.outside import markdown
 from protocols.plan import make_plan

@@ -10,8 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from protocols.blocks import html_page
 from protocols.disk.whole_file import write_whole
-from protocols.html_page import html_page
 from protocols.manifest import Clip
 from protocols.outside import page_bytes
 from protocols.recipes.base import SCENE

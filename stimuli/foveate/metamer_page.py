@@ -17,8 +17,8 @@ from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.geometry import Flat, Viewing
 from pipeline.foveation.page_passes import check_condition, page_passes
 from pipeline.named_classes import Choice
+from protocols.blocks import html_page
 from protocols.disk.whole_file import write_whole
-from protocols.html_page import html_page
 from stimuli.media.gaze_and_display import width_deg
 from stimuli.media.moving import shrunk
 

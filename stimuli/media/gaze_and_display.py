@@ -139,7 +139,7 @@ def height_deg(geometry: FlatGeometry) -> float:
 def read_gaze(text: str | None, geometry: Geometry) -> tuple[float, float]:
     """Read ``X,Y`` in pixels, or ``Xdeg,Ydeg`` from the middle, right and down.
 
-    Degrees are azimuth and elevation (`protocols.viewing`); on a panorama longitude and latitude.
+    Degrees are azimuth and elevation (`protocols.display`); on a panorama longitude and latitude.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from pipeline.pictures.drawing import of_colour
-from protocols.html_page import html_page
+from protocols.blocks import html_page
 from stimuli.rendering.open_scene import view_line
 from stimuli.rendering.render import WorldRenderer
 from stimuli.rendering.world import Viewpoint

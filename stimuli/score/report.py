@@ -11,17 +11,18 @@ from matplotlib.figure import Figure as Plot
 from protocols.blocks import (
     Block,
     Cautions,
+    Figure,
     FigurePlace,
     Heading,
     MediaFile,
     MediaRow,
     Paragraph,
     Section,
+    html_page,
 )
 from protocols.blocks import TableBlock as Rows
 from protocols.disk.whole_file import write_whole
 from protocols.errors import count_of
-from protocols.html_page import Figure, html_page
 from protocols.revision import code_revision, package_version
 from stimuli.score import plots
 from stimuli.score.available import metric_versions

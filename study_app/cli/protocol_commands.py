@@ -20,8 +20,7 @@ from protocols.feasibility import (
     session_duration_s,
     virtual_manifest,
 )
-from protocols.formats.format_reference import reference_text
-from protocols.formats.publish import publish, schema_names, schema_text
+from protocols.formats.format_reference import publish, reference_text, schema_names, schema_text
 from protocols.load import is_display, load_display, load_study, read_toml, shipped
 from protocols.manifest import Manifest, read_manifest
 from protocols.outside import parsed_json

@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from protocols.display import Viewing
 from protocols.journal import GazeQuality
 from protocols.study_file.session_schema import Gaze
-from protocols.viewing import Viewing
 from study_app.gaze.source import GazeSample
 from study_app.trial import GazeVerdict
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from protocols.display import Viewing
 from protocols.errors import StudyError
 from protocols.journal import Calibration
-from protocols.viewing import Viewing
 from study_app.gaze.simulated import SimulatedGaze
 from study_app.gaze.source import CalibrationResult, GazeSource, LookAt, Tracker
 from study_app.gaze.validation import (

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.viewing import Viewing
+from protocols.display import Viewing
 from study_app.gaze.source import CalibrationResult, GazeSample, GazeSource, SourceInfo
 
 _CHUNK = 256  # samples drawn at once

@@ -9,9 +9,9 @@ from functools import partial
 
 import numpy as np
 
+from protocols.display import Viewing, angle_between_deg
 from protocols.errors import StudyError
 from protocols.study_file.session_schema import Gaze
-from protocols.viewing import Viewing, angle_between_deg
 from study_app.gaze.source import CalibrationResult, GazeSample, GazeSource
 
 SETTLE_S = 0.6

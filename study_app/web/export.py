@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from protocols.browser.web_design import WebDesign, web_design
 from protocols.browser.web_study import (
     BUDGET_MB,
     DECODED_MB,
@@ -25,6 +24,7 @@ from protocols.browser.web_study import (
     PictureFile,
     RefreshRate,
     ShownPicture,
+    WebDesign,
     WebEntry,
     WebPages,
     WebPhase,
@@ -33,6 +33,7 @@ from protocols.browser.web_study import (
     deviations_s,
     rates_of,
     scripts_at,
+    web_design,
 )
 from protocols.disk.hashing import sha256_bytes, sha256_json
 from protocols.disk.result_folder import whole_folder

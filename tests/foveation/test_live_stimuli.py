@@ -22,6 +22,7 @@ from analysis.report.report_source import from_sessions
 from analysis.report.write_report import report_sessions
 from pipeline.gl.texture import read_back
 from pipeline.named_classes import Choice
+from protocols.display import Viewing
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.journal_file import read_journal
@@ -32,7 +33,6 @@ from protocols.manifest import write_manifest
 from protocols.phases import Image as Still
 from protocols.phases import LiveImage, Phase
 from protocols.plan import make_plan
-from protocols.viewing import Viewing
 from stimuli.foveate.clip_to_files import ClipSettings, foveate_clip
 from stimuli.media.gaze_and_display import StatedViewing
 from stimuli.recipes.build_foveated_images import FoveatedBuilder

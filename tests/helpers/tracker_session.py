@@ -9,10 +9,10 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from protocols.display import Viewing
 from protocols.journal_file import Journal, read_journal
 from protocols.load import load_display, load_protocol
 from protocols.study_file.schema import StudyProtocol
-from protocols.viewing import Viewing
 from study_app.conduct import conduct
 from study_app.gaze.gaze_check import GazeCheck, Targets
 from study_app.gaze.source import TrackerContext

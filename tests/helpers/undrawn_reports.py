@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from analysis.report import write_report
-from protocols.html_page import Figure
+from protocols.blocks import Figure
 
 
 @contextmanager

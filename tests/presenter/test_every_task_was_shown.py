@@ -16,9 +16,9 @@ from PIL import Image
 from study_texts import short_study
 from typer.testing import CliRunner
 
+from protocols.display import Viewing
 from protocols.plan import make_plan
 from protocols.script import Picture, TrialScript
-from protocols.viewing import Viewing
 from study_app.cli import app
 from study_app.paint import lay, paint
 from study_app.preview import preview_page

@@ -12,12 +12,12 @@ from captured_flips import CapturedPicture, compare
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocols.display import Viewing
 from protocols.errors import StudyError
 from protocols.journal import Attempt, Withdrawal
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from protocols.script import Dot, Words
-from protocols.viewing import Viewing
 from study_app.desktop.keys import key_name
 from study_app.desktop.monitor import check_mode
 from study_app.desktop.strip import BLOCK_PX, BLOCKS, code_of, crc8, read_both_strips, read_strip

@@ -5,8 +5,8 @@ from __future__ import annotations
 import fake_pylink
 import pytest
 
-from protocols.disk.side_files import check_side_files
 from protocols.journal import Calibration, Note
+from protocols.journal_file import check_side_files
 
 HASTY = f"""
 import sys, time

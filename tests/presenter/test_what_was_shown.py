@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from captured_flips import compare
 
+from protocols.display import Viewing
 from protocols.plan import make_plan
-from protocols.viewing import Viewing
 
 ONE_TRIAL = {
     "pairings": '[["metameric", "push-pull"]]',

@@ -9,7 +9,7 @@ from PIL import Image
 from pipeline.errors import InputError
 from pipeline.pictures.stored_frames import sequence_files
 from pipeline.warp.settings import MOST_RIM_PX
-from protocols.formats.publish import json_schema
+from protocols.formats.format_reference import json_schema
 from protocols.recipes.warped_clips import (
     CirclePath,
     ExrScene,

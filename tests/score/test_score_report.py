@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from protocols.blocks import html_page
 from protocols.disk.hashing import sha256_file
-from protocols.html_page import html_page
 from protocols.load import load_display
 from protocols.study_file.new_study import study_files
 from stimuli.score import measure_clips, plots, report

@@ -11,6 +11,7 @@ from attack.kills import THRICE, asked, journal_of, write_study
 from typer.testing import CliRunner
 
 from protocols.against_plan import contradictions, plan_of
+from protocols.display import Viewing
 from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.journal import Attempt
 from protocols.journal_file import read_journal
@@ -21,7 +22,6 @@ from protocols.plan import make_plan
 from protocols.script import Picture, StoredPicture
 from protocols.study_file.session_schema import Gaze
 from protocols.tasks.pairs import TwoInterval
-from protocols.viewing import Viewing
 from study_app.attempt import run_attempt
 from study_app.cli import app
 from study_app.gaze.fixation import FixationMonitor

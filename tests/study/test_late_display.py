@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 from typer.testing import CliRunner
 
-from protocols.display import Display
+from protocols.display import Display, Viewing
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.journal import SessionEnd
@@ -19,7 +19,6 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
 from protocols.study_file.schema import StudyProtocol
-from protocols.viewing import Viewing
 from study_app.cli import app
 from study_app.conduct import conduct
 from study_app.desktop.display_check import check_display, shortfall

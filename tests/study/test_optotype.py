@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from protocols.display import Viewing
 from protocols.load import load_display
 from protocols.make_script import landolt_ring
 from protocols.phases import Optotype
-from protocols.viewing import Viewing
 from study_app.paint import ring_image
 
 DISPLAY = load_display("fhd27-60hz")

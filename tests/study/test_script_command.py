@@ -13,7 +13,7 @@ from attack.kills import CASES, write_study
 from PIL import Image
 from typer.testing import CliRunner
 
-from protocols.formats.publish import schema_path
+from protocols.formats.format_reference import schema_path
 from protocols.load import load_study, shipped
 from protocols.make_script import example_scripts, trial_script
 from protocols.phases import rgba_sha256

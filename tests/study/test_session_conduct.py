@@ -17,6 +17,7 @@ from attack.kills import disturbed_at_write, in_a_child
 from gaze_persistence import persistence_s
 
 from protocols.disk.hashing import sha256_bytes, sha256_file
+from protocols.display import Viewing
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.journal import (
@@ -36,7 +37,6 @@ from protocols.phases import ITI
 from protocols.plan import make_plan
 from protocols.script import Frames
 from protocols.study_file.schema import StudyProtocol
-from protocols.viewing import Viewing
 from study_app.attempt import AttemptLog, GazeWatcher, run_attempt
 from study_app.conduct import conduct
 from study_app.gaze.fixation import FixationMonitor

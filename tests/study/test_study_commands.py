@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from protocols.feasibility import virtual_manifest
-from protocols.formats.publish import schema_path
+from protocols.formats.format_reference import schema_path
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest

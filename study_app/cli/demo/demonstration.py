@@ -19,13 +19,12 @@ from typing import Any
 from markupsafe import Markup
 from rich.console import Console
 
-from protocols.blocks import MediaFile, MediaRow
+from protocols.blocks import MediaFile, MediaRow, html_page
 from protocols.disk.hashing import sha256_json
 from protocols.disk.result_folder import remove_listed, unlisted, write_listing
 from protocols.disk.whole_file import write_whole
 from protocols.display import Display
 from protocols.errors import StudyError
-from protocols.html_page import html_page
 from protocols.load import load_study
 from protocols.outside import page_bytes
 from protocols.revision import code_revision, package_version

@@ -147,7 +147,7 @@ def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) 
     StudyError
         If it cannot run in a browser.
     """
-    from protocols.browser.web_design import web_design
+    from protocols.browser.web_study import web_design
     from study_app.web.export import WebBuild, check_budget
 
     build = WebBuild(study, screen, manifest or virtual_manifest(study, screen))

@@ -151,9 +151,9 @@ def picture() -> Any:
 
 def _session(folder: Path, root: Path, steps: _Steps) -> None:
     from pipeline.gl.context import describe, lent_context
+    from protocols.display import Viewing
     from protocols.feasibility import virtual_manifest
     from protocols.load import load_study
-    from protocols.viewing import Viewing
     from study_app.cli.pictures.live_renderer import FoveatingStudio
     from study_app.conduct import conduct
     from study_app.gaze.simulated import SimulatedGaze

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from protocols.errors import StudyError
 from protocols.feasibility import check_feasible
-from protocols.formats.publish import json_schema, schema_names
+from protocols.formats.format_reference import json_schema, schema_names
 from protocols.load import load_display, load_protocol, protocol_of, read_toml
 from protocols.recipes.warped_clips import Clips
 from protocols.study_file.problems import cure_for_key_name, problems_of

@@ -22,8 +22,13 @@ from protocols.disk.hashing import canonical_json, sha256_bytes, sha256_file, sh
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
-from protocols.formats.format_reference import reference_text
-from protocols.formats.publish import json_schema, schema_names, schema_path, schema_text
+from protocols.formats.format_reference import (
+    json_schema,
+    reference_text,
+    schema_names,
+    schema_path,
+    schema_text,
+)
 from protocols.journal import EVENT, Attempt, event_line
 from protocols.journal_file import find_journals, read_journal
 from protocols.load import load_display, load_protocol, shipped

@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 
 from analysis.tables.table import Table
-from protocols.disk.side_files import check_side_files
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
-from protocols.journal_file import read_journal
+from protocols.journal_file import check_side_files, read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import check_manifest, read_manifest, write_manifest
 from study_app import conduct, run

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import create_condition
 from protocols.errors import StudyError, did_you_mean
-from protocols.formats.publish import schema_text
+from protocols.formats.format_reference import schema_text
 from protocols.load import load_protocol, shipped
 from study_app.cli import app
 

@@ -8,9 +8,9 @@ import pytest
 from fake_pylink import EDF, SETUP_TARGETS_PX, FakePylink
 from tracker_session import FHD, MIDDLE_PX, Eye, pumped, sit
 
-from protocols.disk.side_files import check_side_files
 from protocols.errors import StudyError
 from protocols.journal import Note, SessionEnd
+from protocols.journal_file import check_side_files
 from study_app.gaze.eyelink import EyelinkGaze, graphics
 from study_app.gaze.open_source import open_gaze
 from study_app.gaze.source import TrackerContext

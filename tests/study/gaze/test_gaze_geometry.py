@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocols.display import Viewing
 from protocols.load import load_display, shipped
-from protocols.viewing import Viewing
 
 FHD = Viewing.of(load_display("fhd27-60hz"))
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from protocols.display import Viewing
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.journal import Calibration, Note, SideFile, event_line
 from protocols.load import load_display, load_protocol
-from protocols.viewing import Viewing
 from study_app.gaze.gaze_check import GazeCheck, Targets
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze

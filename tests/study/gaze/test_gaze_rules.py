@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from gaze_persistence import persistence_s
 
+from protocols.display import Viewing
 from protocols.errors import StudyError
 from protocols.load import load_display
 from protocols.study_file.session_schema import Gaze
-from protocols.viewing import Viewing
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.open_source import ReplaySource
 from study_app.gaze.recording import load_recording

@@ -11,11 +11,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from analysis.export.bids_gaze import read_samples
+from protocols.display import Viewing
 from protocols.journal import Note, SessionEnd
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
 from protocols.study_file.schema import StudyProtocol
-from protocols.viewing import Viewing
 from study_app.attempt import _gaze_csv
 from study_app.conduct import conduct
 from study_app.desktop.desktop_watch import SleepWatch

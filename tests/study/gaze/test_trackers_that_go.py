@@ -7,10 +7,9 @@ from fake_pylink import FakePylink
 from fake_pylsl import FakePylsl
 from tracker_session import FOREVER, Eye, pumped, sit
 
-from protocols.disk.side_files import check_side_files
 from protocols.errors import StudyError
 from protocols.journal import Note, SessionEnd
-from protocols.journal_file import read_journal
+from protocols.journal_file import check_side_files, read_journal
 from study_app.gaze.eyelink import EyelinkGaze
 from study_app.gaze.lsl import LslGaze, LslSpec
 from study_app.virtual import VirtualClock
