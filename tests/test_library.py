@@ -1,4 +1,4 @@
-"""What `import metamerlab` offers: each call is there, typed, and shown by an example that runs."""
+"""Calls that `import metamerlab` offers: each there, typed, and shown by an example that runs."""
 
 from __future__ import annotations
 

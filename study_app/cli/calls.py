@@ -1,4 +1,4 @@
-"""What the commands do, as calls for programs: `metamerlab` offers them.
+"""Calls for programs, one for a command each: `metamerlab` offers them.
 
 Each takes a study's file or the name of a shipped study, and folders; each raises what the command
 says in one message: `StudyError`, `InputError`.
