@@ -22,6 +22,7 @@ import typer
 
 from analysis.journals import read_study
 from analysis.tasks import KINDS, analysis_of
+from analysis.tasks.preference import PreferenceOfPairs
 from pipeline.errors import InputError
 from pipeline.methods.registry import _with_plugins
 from protocols.errors import Problem, StudyError
@@ -147,6 +148,11 @@ def test_a_plug_in_that_imports_what_went_is_sent_to_the_page_that_says_so(insta
     assert message.startswith(f"package 'odd-one': its plug-in 'mine' of metamerlab.{group} must")
     cure = "mend it by docs/from-0.3-to-0.4.md, which says what went or moved, or uninstall"
     assert message.endswith(f"; {cure} the package")
+
+
+def test_an_analysis_with_the_names_of_0_3_is_told_the_new_ones():
+    with pytest.raises(TypeError, match=r"settings of an analysis is plan since 0\.4"):
+        type("Mine", (PreferenceOfPairs,), {"settings": PreferenceOfPairs.plan})
 
 
 @pytest.mark.parametrize("group", REGISTRIES)

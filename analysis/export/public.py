@@ -63,11 +63,6 @@ def gaze_source(name: str, *, public: bool) -> str:
     return name if not public or name in _SOURCES else OTHER
 
 
-def timing_evidence(name: str, *, public: bool) -> str:
-    """Return the evidence for time stamps; in public only the words that journals define."""
-    return name if not public or name in _EVIDENCE else OTHER
-
-
 def _revisions(texts: Iterable[str]) -> str:
     """Return all versions and git revisions: which was whose tells who came before an update."""
     return "; ".join(sorted({t if _REVISION.fullmatch(t) else OTHER for t in texts}))
@@ -152,9 +147,8 @@ def public_tables(tidy: TidyTables, protocol: StudyProtocol, codes: dict[str, st
     told = ["slot", "plan_sha256", "unchecked_lines"]
     sessions = _renamed(tidy.sessions.drop(columns=told), codes)
     sessions["revision"] = _revisions(sessions["revision"])
-    sessions["timing_evidence"] = [
-        timing_evidence(text, public=True) for text in sessions["timing_evidence"]
-    ]
+    told_evidence = sessions["timing_evidence"].isin(_EVIDENCE)
+    sessions["timing_evidence"] = sessions["timing_evidence"].where(told_evidence, OTHER)
     asked = zip(tidy.answers["question"], tidy.answers["text"], strict=True)
     said = tidy.answers.assign(text=[scrub(text, public=True) for text in tidy.answers["text"]])
     offered = pd.Series(

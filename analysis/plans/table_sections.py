@@ -164,7 +164,7 @@ class TimeTableSection(MixedAnalysis):
     """The value of `by` that the others are compared with. Default: all pairs are compared."""
 
 
-def check_contrasts(told: MixedAnalysis, known: Sequence[str]) -> None:
+def check_contrasts(section: MixedAnalysis, known: Sequence[str]) -> None:
     """Refuse contrasts of what are no conditions of a table.
 
     Raises
@@ -172,7 +172,7 @@ def check_contrasts(told: MixedAnalysis, known: Sequence[str]) -> None:
     StudyError
         That says which.
     """
-    wrong = list(told.contrast_problems(known))
+    wrong = list(section.contrast_problems(known))
     if wrong:
         raise StudyError(
             "\n".join(
@@ -181,12 +181,12 @@ def check_contrasts(told: MixedAnalysis, known: Sequence[str]) -> None:
         )
 
 
-def keys_of(told: type[Analysis]) -> list[str]:
+def keys_of(section: type[Analysis]) -> list[str]:
     """Return the keys that a table is told."""
-    return [name for name in told.model_fields if name not in NEVER_TOLD]
+    return [name for name in section.model_fields if name not in NEVER_TOLD]
 
 
-def said_of(told: Analysis) -> dict[str, Json]:
+def said_of(section: Analysis) -> dict[str, Json]:
     """Return kind and keys as JSON has them."""
-    kept: dict[str, Json] = told.model_dump(mode="json", exclude=set(NEVER_TOLD - {"kind"}))
-    return {name: kept[name] for name in ("kind", *keys_of(type(told))) if name in kept}
+    kept: dict[str, Json] = section.model_dump(mode="json", exclude=set(NEVER_TOLD - {"kind"}))
+    return {name: kept[name] for name in ("kind", *keys_of(type(section))) if name in kept}

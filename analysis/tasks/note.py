@@ -27,15 +27,15 @@ def note_path(table: Path) -> Path:
     return table.with_suffix(".json")
 
 
-def write_note(table: Path, told: Analysis) -> None:
-    """Keep beside a table what it was told: the analysis, and how it is to be read."""
-    content = {"format": FORMAT, "table": table.name, "analysis": said_of(told)}
+def write_note(table: Path, section: Analysis) -> None:
+    """Keep beside a table its section: the analysis, and how it is to be read."""
+    content = {"format": FORMAT, "table": table.name, "analysis": said_of(section)}
     text = json.dumps(content, indent=1, ensure_ascii=False)
     note_path(table).write_bytes(json_bytes(text + "\n"))
 
 
 def read_note(table: Path, notes: list[str] | None = None) -> Analysis | None:
-    """Return the settings in a table's note; None where there is no note.
+    """Return the section in a table's note; None where there is no note.
 
     A key that was removed since is ignored, which `notes` then says.
 
@@ -74,7 +74,7 @@ def read_note(table: Path, notes: list[str] | None = None) -> Analysis | None:
 
 
 def options_from(kind: str, texts: Mapping[str, str], known: Analysis | None = None) -> Analysis:
-    """Return settings of a table from texts, as a command line gives them.
+    """Return the section of a table from texts, as a command line gives them.
 
     `known` was told before.
 

@@ -14,7 +14,7 @@ import typer
 from analysis import SEED
 from protocols.errors import StudyError, count_of
 from protocols.tasks.task_kinds import TASKS
-from study_app.cli.export_commands import register
+from study_app.cli.export_commands import export
 from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
@@ -27,8 +27,15 @@ from study_app.cli.options import (
     recorded_protocol,
 )
 from study_app.cli.progress import one_line
-from study_app.cli.table_commands import AnswerOption, WhereOption, table_told
-from study_app.cli.table_commands import register as register_tables
+from study_app.cli.table_commands import (
+    AnswerOption,
+    WhereOption,
+    detection,
+    psychometric,
+    ratings,
+    reaction,
+    table_told,
+)
 from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
 
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
@@ -275,12 +282,8 @@ def power(
     reads = () if pilot is None else [pilot]
     if out is not None:
         check_result(out, replace=replace, reads=reads)
-    numbers = {
-        "pairs": design.pair_count,
-        "scenes": design.scenes,
-        "repeats": design.repeats,
-        "participants": design.participants,
-    }
+    sizes = (design.pair_count, design.scenes, design.repeats, design.participants)
+    numbers = dict(zip(("pairs", "scenes", "repeats", "participants"), sizes, strict=True))
     study = _of_numbers(numbers) if protocol is None else load_protocol(protocol)
     if protocol is not None and any(value is not None for value in numbers.values()):
         raise StudyError(
@@ -417,8 +420,8 @@ def import_(
     )
 
 
-register(app)
-register_tables(app)
+for _command in (export, psychometric, detection, reaction, ratings):
+    app.command()(_command)
 
 
 def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:

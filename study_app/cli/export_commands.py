@@ -89,8 +89,3 @@ def export(
     say_notes(made.notes)
     mark = " SIMULATED" if made.simulated else ""
     say(f"{made.folder}: {made.participants}{mark} participants as {chosen}")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the group `analysis`."""
-    app.command()(export)

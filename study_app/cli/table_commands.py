@@ -207,14 +207,6 @@ def ratings() -> None:
     """
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the group `analysis`."""
-    app.command()(psychometric)
-    app.command()(detection)
-    app.command()(reaction)
-    app.command()(ratings)
-
-
 Told = tuple[list[str] | None, list[str] | None, str | None]
 """Options --map, --where and --answer."""
 
