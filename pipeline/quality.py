@@ -82,14 +82,16 @@ def interior(hole: Bools) -> Bools:
     return hole & ~np.isin(labels, at_border)
 
 
-def evaluate(filled: NDArray[np.float32], truth: TrueView, mask: Bools) -> Quality:
+def evaluate(
+    filled: NDArray[np.float32], truth: TrueView | NDArray[np.float32], mask: Bools
+) -> Quality:
     """Measure `filled` against `truth` inside `mask`.
 
     Parameters
     ----------
     filled : ndarray of float32, shape (H, W, 3)
         Encoded R'G'B' in [0, 1].
-    truth : TrueView
+    truth : TrueView, or ndarray like `filled`
     mask : ndarray of bool, shape (H, W)
         At least one pixel.
 
@@ -98,6 +100,8 @@ def evaluate(filled: NDArray[np.float32], truth: TrueView, mask: Bools) -> Quali
     InputError
         If an array breaks these rules, or the image is too small for SSIM.
     """
+    if not isinstance(truth, TrueView):
+        truth = TrueView(truth)
     return Quality(
         psnr_db=psnr_db(filled, truth.colour, mask),
         ssim=ssim(filled, truth.colour, mask),

@@ -21,6 +21,7 @@ import pytest
 from pipeline.errors import GLUnavailableError
 from pipeline.frame import SourceFrame
 from pipeline.gl.context import create_context, release_context
+from study_app.doctor.python_speed import loop_ms
 
 # Shell scripts, and kills by the signals of POSIX.
 POSIX_ONLY = ["test_attack.py", "test_prove_gpu.py", "test_release.py", "test_scripts.py"]
@@ -204,14 +205,20 @@ def cpu_s() -> float:
 
 COLLECTION = "collection"
 """A row of its own among the costs."""
+REFERENCE_LOOP_MS = 11
+"""What the loop by which `script/setup` chooses a Python takes where tests were marked `slow`."""
+UNMARKED_S = 1.5
+"""Most CPU seconds there of a test that is not marked."""
 
 
 class Costs:
-    """Cost of every test, its fixtures included where they were made."""
+    """Cost of every test, its fixtures included where they were made; tables of them if `told`."""
 
     SLOWEST = 30
 
-    def __init__(self) -> None:
+    def __init__(self, told: bool) -> None:
+        self._told = told
+        self._unmarked: set[str] = set()
         self._last_s = cpu_s()
         self._collection_s = 0.0
         self._by_test: Counter[str] = Counter()
@@ -234,11 +241,30 @@ class Costs:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Add a phase to its test."""
+        if not {"slow", "full"} & report.keywords.keys():
+            self._unmarked.add(report.nodeid)
         for key, name in (("cpu_s", report.nodeid), ("collection_s", COLLECTION)):
             self._by_test[name] += sum(s for told, s in report.user_properties if told == key)
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """Print files and the slowest tests, as tables."""
+        """Print files and the slowest tests, as tables, and tests that should be marked `slow`."""
+        if self._told:
+            self._tell_tables(terminalreporter)
+        ms = loop_ms()
+        most_s = UNMARKED_S * ms / REFERENCE_LOOP_MS
+        heavy = [
+            (name, s) for name, s in self._by_test.most_common()
+            if s > most_s and name in self._unmarked
+        ]  # fmt: skip
+        if heavy:
+            terminalreporter.section(f"not marked slow, above {most_s:.1f} CPU s")
+            terminalreporter.write_line(
+                f"{UNMARKED_S} s where a loop takes {REFERENCE_LOOP_MS} ms, and {ms} ms here"
+            )
+            for name, seconds in heavy:
+                terminalreporter.write_line(f"{seconds:.1f} s  {name}")
+
+    def _tell_tables(self, terminalreporter: pytest.TerminalReporter) -> None:
         files: Counter[str] = Counter()
         for name, seconds in self._by_test.items():
             files[name.partition("::")[0]] += seconds
@@ -267,12 +293,13 @@ def pytest_configure(config: pytest.Config) -> None:
     For pictures as small as ours, its software renderer takes longer to make its programs quick
     than to run them as they are. Both compute the same.
     """
+    told = config.getoption("--costs")
+    if told or config.getoption("--slow"):
+        config.pluginmanager.register(Costs(told), "costs")
     if config.getoption("--full") or config.args_source is pytest.Config.ArgsSource.ARGS:
         config.option.slow = True  # workers are told
     if not config.getoption("--full"):
         os.environ.setdefault("GALLIVM_PERF", "nopt")
-    if config.getoption("--costs"):
-        config.pluginmanager.register(Costs(), "costs")
     begin_elsewhere(config)
 
 

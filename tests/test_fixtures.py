@@ -246,6 +246,21 @@ def test_costs_count_processes_that_a_test_starts(run_pytest, workers):
     assert "`test_made_up.py`: quick" not in costs
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [(), ("-n", "1")], ids=["here", "in a worker"])
+def test_a_run_of_all_names_what_takes_long_and_is_not_marked(run_pytest, workers):
+    marked = COSTLY.replace("def test_its", "import pytest\n\n@pytest.mark.slow\ndef test_its")
+    quick = "\nloop_ms = lambda: REFERENCE_LOOP_MS / 2\n"  # a machine twice as fast
+    status, output = run_pytest(COSTLY, "--slow", *workers, conftest=quick)
+    assert status == 0
+    assert re.search(r"above 0\.8 CPU s =+\n+1\.5 s where a loop takes 11 ms", output)
+    assert re.search(
+        r"^\d\.\d s  test_made_up\.py::test_its_process_is_slow$", output, re.MULTILINE
+    )
+    for source, conftest in ((marked, quick), (COSTLY, quick.replace("/ 2", "* 200"))):
+        assert "not marked slow" not in run_pytest(source, "--slow", *workers, conftest=conftest)[1]
+
+
 HABITS = """
 import atexit, os, sys
 atexit.register(print, "over")
