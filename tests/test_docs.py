@@ -191,7 +191,9 @@ def take(words: list[str]) -> None:
 @pytest.mark.slow
 def test_the_program_takes_every_command_of_every_page():
     """Those of ```console blocks too, which take long, or need a tracker."""
-    shown = re.compile(r"^ *```(?:bash|console)\n(.*?)^ *```", flags=re.MULTILINE | re.DOTALL)
+    shown = re.compile(
+        r"^ *```(?:bash|console|powershell)\n(.*?)^ *```", flags=re.MULTILINE | re.DOTALL
+    )
     refused, taken = [], 0
     for page in pages():
         blocks = shown.findall(page.read_text(encoding="utf-8"))
@@ -210,6 +212,53 @@ def test_the_program_takes_every_command_of_every_page():
     assert refused == []
     with pytest.raises(ClickException, match="No such option"):
         take(["stimuli", "build", "demo", "--no-such"])
+
+
+def only_in_a_shell(line: str) -> str:
+    """Return what PowerShell reads otherwise in a line that a shell takes; empty: nothing."""
+    bare = re.sub(r'"[^"]*"', "QUOTED", line)  # both take it so, but for these:
+    found = re.search(r"[\\`]$|\$|`|\\\"", line) or re.search(
+        r"^(sed|head|tail|export|source|mkdir -p|rm -r|touch|grep)\b|<<|&&|@|~/|[\"']|\w,\w"
+        r"|^metamerlab [^(]*\*",
+        bare,
+    )
+    return found[0] if found else ""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [REPOSITORY / "docs/windows.md", *sorted((REPOSITORY / "docs/tutorials").glob("*.md"))],
+    ids=lambda page: page.stem,
+)
+def test_a_tutorial_is_typed_into_powershell_as_it_is(page):
+    text = page.read_text(encoding="utf-8")
+    blocks = re.findall(
+        r"^```(?:bash|console|powershell)\n(.*?)^```", text, re.MULTILINE | re.DOTALL
+    )
+    lines = "".join(blocks).splitlines()
+
+    assert lines
+    assert [(line, found) for line in lines if (found := only_in_a_shell(line))] == []
+    assert ("bin/activate" in text) <= ("Scripts\\Activate.ps1" in text)
+
+
+@pytest.mark.parametrize(
+    ("line", "caught"),
+    [
+        ("sed -i s/a/b/ study.toml", True),
+        ("metamerlab warp a.png b.png \\", True),
+        ("metamerlab warp a.png --methods telea,push-pull", True),
+        ("python -c 'import cv2", True),
+        ('python -c "import cv2', True),
+        ("metamerlab new-study mine --photos *.jpg", True),
+        ("source .venv/bin/activate", True),
+        ('metamerlab warp a.png --methods "telea,push-pull"', False),
+        ("python -c \"print('a', 'b')\"", False),
+        (".venv\\Scripts\\python -m pip install (Get-Item dist/*.whl)", False),
+    ],
+)
+def test_what_powershell_reads_otherwise_is_found(line, caught):
+    assert bool(only_in_a_shell(line)) is caught
 
 
 def options_of(command: TyperGroup, name: str = "metamerlab") -> dict[str, list[list[str]]]:
