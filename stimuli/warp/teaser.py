@@ -1,12 +1,15 @@
 """The figure that papers open with: a frame, and what each method makes of its hardest places.
 
-Labels, scores and outlines stay text and lines; pictures are the clips' own pixels, never smoothed.
+Frames are those of built clips, or of a folder of steps that `metamerlab warp` wrote. Labels,
+scores and outlines stay text and lines; pictures are the clips' own pixels, never smoothed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -42,8 +45,11 @@ _LETTERS = "abcdefgh"
 class FigureRow:
     """One scene of the figure: a frame of every method, and where to look."""
 
-    title: str
+    condition: tuple[str, ...]
+    """Labels of scene, size and whatever else its clips have in common."""
     whole: Picture
+    whole_is: str
+    """Name of the method that `whole` is of."""
     frames: tuple[Picture, ...]
     """One for each method of the figure."""
     crops: tuple[Crop, ...]
@@ -79,9 +85,64 @@ class RowSettings:
     count: int = 2
 
 
+@dataclass(frozen=True)
+class Compared:
+    """Frames of several methods under one condition, read when they are asked for."""
+
+    frames: Mapping[str, Callable[[int], Picture]]
+    length: int
+    condition: Mapping[str, str] = field(default_factory=dict)
+
+
+def of_clips(folder: Path, manifest: Manifest) -> list[Compared]:
+    """Return the clips that differ in their method alone, side by side.
+
+    Raises
+    ------
+    InputError
+        If their conditions have no column `method`.
+    """
+    groups: dict[tuple[tuple[str, str], ...], list[Clip]] = {}
+    for clip in manifest.clips:
+        if METHOD not in clip.condition:
+            raise InputError(
+                "clips must have a column 'method' to be compared side by side (these have"
+                f" {', '.join(clip.condition)})"
+            )
+        shared = {key: str(value) for key, value in clip.condition.items() if key != METHOD}
+        groups.setdefault(tuple(shared.items()), []).append(clip)
+    return [
+        Compared(
+            {str(clip.condition[METHOD]): partial(_read_clip, folder, clip) for clip in clips},
+            len(clips[0].frames_sha256),
+            dict(shared),
+        )
+        for shared, clips in groups.items()
+    ]
+
+
+def of_steps(folder: Path) -> list[Compared]:
+    """Return the fills of one frame, and its true view, that `metamerlab warp --steps` wrote.
+
+    Raises
+    ------
+    InputError
+        If they are not there.
+    """
+    found = {}
+    for path in sorted(folder.glob("*.png")):
+        if named := re.fullmatch(r"\d+-(?:filled-(.+)|true-view)", path.stem):
+            found[named[1] or REFERENCE] = lambda _, path=path: _read(path)
+    if not found.keys() - {REFERENCE}:
+        raise InputError(
+            f"{folder}: must hold built clips (manifest.json), or what 'metamerlab warp --steps"
+            f" {folder}' writes"
+        )
+    return [Compared(found, 1)]
+
+
 def figure_rows(
-    folder: Path,
-    manifest: Manifest,
+    groups: Sequence[Compared],
     asked: RowSettings = RowSettings(),
     labels: Mapping[str, str] | None = None,
 ) -> tuple[tuple[str, ...], list[FigureRow]]:
@@ -89,8 +150,7 @@ def figure_rows(
 
     Parameters
     ----------
-    folder, manifest : Path, Manifest
-        Built clips, whose conditions have a column `method`.
+    groups : sequence of Compared
     asked : RowSettings
     labels : mapping, optional
         What to print for names.
@@ -100,26 +160,24 @@ def figure_rows(
     InputError
         If a name, frame or crop is not there.
     """
-    named, scenes = labels or {}, asked.scenes
-    groups = _groups(manifest, scenes, asked.size)
-    every = list(dict.fromkeys(str(clip.condition[METHOD]) for clip in manifest.clips))
+    scenes = asked.scenes
+    every = list(dict.fromkeys(name for group in groups for name in group.frames))
     chosen = asked.methods or tuple(sorted(every, key=lambda name: name == REFERENCE))
     for name in chosen:
         if name not in every:
             raise InputError(f"--methods: must be of {', '.join(every)} (got {name!r})")
     found: dict[str, tuple[float, FigureRow]] = {}
-    for group in groups:
-        clips = {str(clip.condition[METHOD]): clip for clip in group}
-        missing = [name for name in chosen if name not in clips]
+    for group in _wanted(groups, asked):
+        scene = group.condition.get(SCENE, "")
+        missing = [name for name in chosen if name not in group.frames]
+        if missing and scenes:
+            raise InputError(
+                f"--scene {scene}: must have a clip of every method (has none"
+                f" of {', '.join(missing)}); choose others with --methods"
+            )
         if missing:
-            if scenes:
-                raise InputError(
-                    f"--scene {group[0].column(SCENE)}: must have a clip of every method (has none"
-                    f" of {', '.join(missing)}); choose others with --methods"
-                )
             continue
-        differs, row = _row(folder, clips, chosen, asked, named)
-        scene = str(group[0].condition.get(SCENE, ""))
+        differs, row = _row(group, chosen, asked, labels or {})
         if scene not in found or differs > found[scene][0]:
             found[scene] = differs, row
     if not found:
@@ -131,79 +189,57 @@ def figure_rows(
     return chosen, [max(found.values(), key=lambda entry: entry[0])[1]]
 
 
-def _groups(manifest: Manifest, scenes: Sequence[str], size: str | None) -> list[list[Clip]]:
-    """Return the clips that differ in their method alone, of the scenes and the size asked for."""
-    if any(METHOD not in clip.condition for clip in manifest.clips):
-        raise InputError(
-            "clips must have a column 'method' to be compared side by side (these have"
-            f" {', '.join(manifest.clips[0].condition)})"
-        )
-    for option, column, wanted in (("--scene", SCENE, scenes), ("--size", "size", [size])):
-        known = list(dict.fromkeys(str(clip.condition.get(column)) for clip in manifest.clips))
+def _wanted(groups: Sequence[Compared], asked: RowSettings) -> list[Compared]:
+    """Return the groups of the scenes and the size asked for."""
+    left = list(groups)
+    sizes = () if asked.size is None else (asked.size,)
+    for option, column, wanted in (("--scene", SCENE, asked.scenes), ("--size", "size", sizes)):
+        known = list(dict.fromkeys(group.condition.get(column, "none") for group in groups))
         for name in wanted:
-            if name is not None and name not in known:
+            if name not in known:
                 raise InputError(must_be_one_of(f"{option}:", name, known))
-    groups: dict[tuple[object, ...], list[Clip]] = {}
-    for clip in manifest.clips:
-        condition = {key: value for key, value in clip.condition.items() if key != METHOD}
-        if scenes and condition.get(SCENE) not in scenes:
-            continue
-        if size is not None and condition.get("size") != size:
-            continue
-        groups.setdefault(tuple(condition.items()), []).append(clip)
-    return list(groups.values())
+        if wanted:
+            left = [group for group in left if group.condition.get(column) in wanted]
+    return left
 
 
 def _row(
-    folder: Path,
-    clips: Mapping[str, Clip],
-    methods: Sequence[str],
-    asked: RowSettings,
-    labels: Mapping[str, str],
+    group: Compared, methods: Sequence[str], asked: RowSettings, labels: Mapping[str, str]
 ) -> tuple[float, FigureRow]:
-    frame, crops, count = asked.frame, asked.crops, asked.count
-    first = clips[methods[0]]
-    length = len(first.frames_sha256)
-    if frame is not None and not 0 <= frame < length:
-        raise InputError(f"--frame: must be 0 to {length - 1} (got {frame})")
-    for crop in crops:
+    whole_is = REFERENCE if REFERENCE in group.frames else methods[0]
+    if asked.frame is not None and not 0 <= asked.frame < group.length:
+        raise InputError(f"--frame: must be 0 to {group.length - 1} (got {asked.frame})")
+    high, wide = group.frames[whole_is](0).shape[:2]
+    for crop in asked.crops:
         if (
             min(crop.x, crop.y) < 0
             or min(crop.width, crop.height) < 2
-            or crop.x + crop.width > first.width_px
-            or crop.y + crop.height > first.height_px
+            or crop.x + crop.width > wide
+            or crop.y + crop.height > high
         ):
             raise InputError(
-                f"--crops: must lie in the frame of {first.width_px} x {first.height_px} px (got"
+                f"--crops: must lie in the frame of {wide} x {high} px (got"
                 f" {','.join(map(str, crop))}: x, y, width, height)"
             )
-    tried = sorted({round(k) for k in np.linspace(0, length - 1, min(TRIED_FRAMES, length))})
-    compared = [name for name in methods if name != REFERENCE] or list(methods)
+    steps = np.linspace(0, group.length - 1, min(TRIED_FRAMES, group.length))
+    compared = [name for name in methods if name != REFERENCE]
     if len(compared) < 2:
         compared = list(methods)
-    best: tuple[float, int, tuple[Crop, ...]] | None = None
-    for index in [frame] if frame is not None else tried:
-        seen = [_read(folder, clips[name], index) for name in compared]
-        apart = difference(seen)
-        places = tuple(crops) or auto_crops(apart, count)
+    tried = []
+    for index in {round(k) for k in steps} if asked.frame is None else [asked.frame]:
+        apart = difference([group.frames[name](index) for name in compared])
+        places = asked.crops or auto_crops(apart, asked.count)
         value = float(np.mean([crop.of(apart).mean() for crop in places]))
-        if best is None or value > best[0]:
-            best = value, index, places
-    assert best is not None
-    value, index, places = best
-    whole = clips.get(REFERENCE, first)
-    rest = [
-        labels.get(str(entry), str(entry))
-        for key, entry in first.condition.items()
-        if key != METHOD
-    ]
+        tried.append((value, -index, places))
+    value, index, places = max(tried)
     return value, FigureRow(
-        ", ".join(rest),
-        _read(folder, whole, index),
-        tuple(_read(folder, clips[name], index) for name in methods),
+        tuple(labels.get(entry, entry) for entry in group.condition.values()),
+        group.frames[whole_is](-index),
+        whole_is,
+        tuple(group.frames[name](-index) for name in methods),
         places,
-        index,
-        str(first.condition["size"]) if "size" in first.condition else None,
+        -index,
+        group.condition.get("size"),
     )
 
 
@@ -224,11 +260,11 @@ def teaser(
     Parameters
     ----------
     methods, rows : sequences
-        As `figure_rows` returns them.
+        As `figure_rows` returns them. Of several rows, each says in what it differs from the others.
     columns : {1, 2}
         Of the page that the figure is as wide as.
     scores : mapping, optional
-        A line for each method, under its crops.
+        Of each method, under its crops: a line, or two.
     simulated : bool
         Scores are of artificial observers: the figure says so.
     """
@@ -236,28 +272,26 @@ def teaser(
     points = 8.0 if columns == 2 else 6.5
     line_in = 1.45 * points / 72
     layouts = [_Layout.of(row, len(methods), width_in, columns) for row in rows]
-    head, foot = line_in, line_in * (1.05 if scores else 0) + (line_in if simulated else 0)
-    title = line_in if any(row.title for row in rows) else 0.0
+    lines = max((text.count("\n") + 1 for text in (scores or {}).values()), default=0)
+    head, foot = line_in, line_in * (0.85 * lines + simulated)
+    titles = _titles(rows)
+    title = line_in if any(titles) else 0.0
     height_in = foot + sum(head + title + each.height_in + _BETWEEN_IN for each in layouts)
     with figure_style(), mpl.rc_context({"font.size": points}):
         figure = Figure(figsize=(width_in, height_in))
         FigureCanvasAgg(figure)
         top = height_in
-        for row, layout in zip(rows, layouts, strict=True):
+        for row, layout, said in zip(rows, layouts, titles, strict=True):
             top -= title
-            if title:
-                figure.text(0, (top + 0.3 * line_in) / height_in, row.title, fontweight="bold")
-            top = _draw_row(
-                figure, top, row, layout, [(labels or {}).get(name, name) for name in methods],
-                head,
-            )  # fmt: skip
+            figure.text(0, (top + 0.3 * line_in) / height_in, said, fontweight="bold")
+            top = _draw_row(figure, top, row, layout, methods, labels or {}, head)
             top -= _BETWEEN_IN
         if scores:
-            at = (top + _BETWEEN_IN - 0.95 * line_in) / height_in
+            at = (top + _BETWEEN_IN - 0.2 * line_in) / height_in
             for place, name in enumerate(methods):
                 left, across = layouts[-1].column(place)
                 middle = (left + across / 2) / width_in
-                _fitting(figure, middle, at, scores.get(name, ""), across)
+                _fitting(figure, (middle, at), scores.get(name, ""), across, "top")
         if simulated:
             figure.text(
                 1, 0.25 * line_in / height_in, "SIMULATED DATA", ha="right", color="#A63F00",
@@ -306,8 +340,23 @@ class _Layout:
         return start + place * (self.crop_in[0] + _GAP_IN), self.crop_in[0]
 
 
+def _titles(rows: Sequence[FigureRow]) -> list[str]:
+    """Return what is particular to each row: nothing where there is one."""
+    shared = [len(set(said)) == 1 for said in zip(*(row.condition for row in rows), strict=False)]
+    return [
+        ", ".join(said for said, same in zip(row.condition, shared, strict=False) if not same)
+        for row in rows
+    ]
+
+
 def _draw_row(
-    figure: Figure, top: float, row: FigureRow, layout: _Layout, names: Sequence[str], head: float
+    figure: Figure,
+    top: float,
+    row: FigureRow,
+    layout: _Layout,
+    methods: Sequence[str],
+    labels: Mapping[str, str],
+    head: float,
 ) -> float:
     """Draw one scene from `top` downwards; return where it ends."""
     width_in, height_in = figure.get_size_inches()
@@ -329,11 +378,14 @@ def _draw_row(
         labels_at = top - layout.whole_in[1] - 0.75 * head
         first = top - layout.whole_in[1] - head
     _image(whole, row.whole)
+    said = labels.get(row.whole_is, row.whole_is)
+    _tag(whole, (0, row.whole.shape[0]), said, "black", (3, 4), "bottom")
     for index, crop in enumerate(row.crops):
         _outline(whole, index, (crop.x, crop.y, crop.width, crop.height), letter=True)
-    for column, (name, picture) in enumerate(zip(names, row.frames, strict=True)):
+    for column, (name, picture) in enumerate(zip(methods, row.frames, strict=True)):
         left, across = layout.column(column)
-        _fitting(figure, (left + across / 2) / width_in, labels_at / height_in, name, across)
+        at = (left + across / 2) / width_in, labels_at / height_in
+        _fitting(figure, at, labels.get(name, name), across, "baseline")
         for index, crop in enumerate(row.crops):
             upper = first - index * (layout.crop_in[1] + _GAP_IN)
             axes = place(left, upper, layout.crop_in)
@@ -360,32 +412,50 @@ def _outline(
                       linestyle=line, clip_on=False)
         )  # fmt: skip
     if letter:
-        axes.annotate(
-            _LETTERS[index % len(_LETTERS)], (x, y), xytext=(3, -3), textcoords="offset points",
-            ha="left", va="top", color="white", fontweight="bold",
-            bbox={"facecolor": colour, "edgecolor": "none", "pad": 1.2},
-        )  # fmt: skip
+        _tag(axes, (x, y), _LETTERS[index % len(_LETTERS)], colour, (3, -3), "top")
 
 
-def _fitting(figure: Figure, x: float, y: float, text: str, across_in: float) -> None:
-    """Write a text that is no wider than its column: letters shrink, then the text is cut."""
-    made = figure.text(x, y, text, ha="center", va="baseline")
+def _tag(
+    axes: Axes,
+    at: tuple[float, float],
+    text: str,
+    colour: str,
+    off_pt: tuple[float, float],
+    side: str,
+) -> None:
+    """Write on a picture, in a box of a colour."""
+    axes.annotate(
+        text, at, xytext=off_pt, textcoords="offset points", ha="left", va=side,
+        color="white", fontweight="bold",
+        bbox={"facecolor": colour, "edgecolor": "none", "pad": 1.2},
+    )  # fmt: skip
+
+
+def _fitting(
+    figure: Figure, at: tuple[float, float], text: str, across_in: float, side: str
+) -> None:
+    """Write a text that is no wider than its column: letters shrink, then a name is cut."""
+    made = figure.text(*at, text, ha="center", va=side, linespacing=1.1)
     canvas: Any = figure.canvas
     renderer = canvas.get_renderer()
 
     def wide() -> float:
         return float(made.get_window_extent(renderer).width) / figure.dpi
 
+    is_score, size = side == "top", float(made.get_fontsize())
     if wide() > across_in:
-        size = float(made.get_fontsize())
-        made.set_fontsize(max(_LEAST_PT, size * across_in / wide()))
-    while wide() > across_in and len(text) > 4:
+        made.set_fontsize(max(0 if is_score else _LEAST_PT, size * across_in / wide()))
+    while wide() > across_in and len(text) > 4 and not is_score:
         text = text[:-2].rstrip(" …") + "…"
         made.set_text(text)
 
 
-def _read(folder: Path, clip: Clip, index: int) -> Picture:
-    frame = decode_png(folder / clip.frame_path(index))
+def _read_clip(folder: Path, clip: Clip, index: int) -> Picture:
+    return _read(folder / clip.frame_path(index))
+
+
+def _read(path: Path) -> Picture:
+    frame = decode_png(path)
     if frame.dtype == np.uint16:
         frame = frame >> 8
     return np.ascontiguousarray(frame[..., :3], np.uint8)

@@ -37,6 +37,7 @@ def write_warp_steps(
     fills: Sequence[FillResult],
     *,
     seed: int,
+    truth: NDArray[np.float32] | None = None,
 ) -> list[Path]:
     """Write every step as `save_steps` does, and return what it returns.
 
@@ -50,6 +51,8 @@ def write_warp_steps(
         name = "".join(c if c.isalnum() or c in "-." else "_" for c in filled.choice.label)
         label = f"filled: {filled.choice.label}"
         steps.append((f"filled-{name}", label, drawing.of_colour(filled.colour)))
+    if truth is not None:
+        steps.append(("true-view", "true view", drawing.of_colour(truth)))
     return save_steps(folder, steps, warped.size)
 
 

@@ -7,16 +7,27 @@ import re
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from pipeline.errors import InputError
 from pipeline.pictures.drawing import Crop, auto_crops, difference
 from stimuli.score.plots import png_bytes, vector_bytes
-from stimuli.warp.teaser import WIDTHS_IN, FigureRow, teaser
+from stimuli.warp.teaser import (
+    WIDTHS_IN,
+    FigureRow,
+    RowSettings,
+    _titles,
+    figure_rows,
+    of_steps,
+    teaser,
+)
 
 
-def row(methods: int = 3, title: str = "") -> FigureRow:
+def row(methods: int = 3, scene: str = "") -> FigureRow:
     made = np.random.default_rng(1)
     frames = tuple(made.integers(0, 255, (90, 120, 3), np.uint8) for _ in range(methods))
-    return FigureRow(title, frames[0], frames, (Crop(10, 10, 20, 15), Crop(60, 40, 20, 15)), 0)
+    crops = (Crop(10, 10, 20, 15), Crop(60, 40, 20, 15))
+    return FigureRow((scene, "large"), frames[0], "reference", frames, crops, 0)
 
 
 def test_the_difference_is_the_mean_over_pairs_by_hand():
@@ -75,19 +86,60 @@ def test_no_more_crops_are_found_than_fit():
 def test_it_is_as_wide_as_columns_are_and_its_text_is_text(columns):
     made = teaser(
         ("ours", "theirs", "reference"),
-        [row(title="Garden, large"), row(title="Shed, large")],
+        [row(scene="Garden"), row(scene="Shed")],
         columns=columns,
         labels={"ours": "Ours"},
-        scores={"ours": "1.20 JOD"},
+        scores={"ours": "1.20 JOD\n[0.90, 1.50]"},
         simulated=True,
     )
     assert made.get_size_inches()[0] == pytest.approx(WIDTHS_IN[columns])
     svg = vector_bytes(made, "svg").decode()
     texts = re.findall(r"<text[^>]*>([^<]*)</text>", svg)
-    for text in ("Ours", "theirs", "1.20 JOD", "SIMULATED DATA", "Garden, large", "a", "b"):
+    scores = ("1.20 JOD", "[0.90, 1.50]")
+    for text in ("Ours", "theirs", *scores, "SIMULATED DATA", "Garden", "Shed", "a", "b"):
         assert text in texts, texts
     assert texts.count("Ours") == 2
+    assert texts.count("reference") == 2 * 2  # above its crops, and on the frame
     assert svg.count("<image") == 2 * (1 + 3 * 2)
+
+
+def test_a_row_alone_has_no_heading_and_several_say_in_what_they_differ():
+    assert _titles([row(scene="shot")]) == [""]
+    assert _titles([row(scene="Garden"), row(scene="Shed")]) == ["Garden", "Shed"]
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_a_score_is_whole_in_the_narrowest_column(columns):
+    names = tuple("abcdefg")
+    score = "\u22120.88 JOD\n[\u22121.43, \u22120.33]"
+    made = teaser(names, [row(7)], columns=columns, scores=dict.fromkeys(names, score))
+    renderer = made.canvas.get_renderer()
+    wide = made.axes[1].get_window_extent(renderer).width
+    shown = [text for text in made.texts if "JOD" in text.get_text()]
+    assert [text.get_text() for text in shown] == [score] * 7
+    assert all(text.get_window_extent(renderer).width <= wide + 1 for text in shown)
+
+
+def test_steps_of_a_warp_are_compared_with_their_true_view(tmp_path):
+    made = np.random.default_rng(2)
+    pictures = {
+        name: made.integers(0, 255, (90, 120, 3), np.uint8)
+        for name in ("03-warped", "20-filled-telea", "21-filled-push-pull", "22-true-view")
+    }
+    for name, picture in pictures.items():
+        Image.fromarray(picture).save(tmp_path / f"{name}.png")
+
+    methods, (only,) = figure_rows(of_steps(tmp_path))
+
+    assert methods == ("telea", "push-pull", "reference")
+    assert only.whole_is == "reference"
+    np.testing.assert_array_equal(only.whole, pictures["22-true-view"])
+    np.testing.assert_array_equal(only.frames[1], pictures["21-filled-push-pull"])
+    assert teaser(methods, [only], columns=2).get_size_inches()[0] == WIDTHS_IN[2]
+    with pytest.raises(InputError, match=r"must hold built clips .*warp --steps"):
+        of_steps(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="--scene: must be one of none"):
+        figure_rows(of_steps(tmp_path), RowSettings(scenes=("garden",)))
 
 
 @pytest.mark.parametrize("columns", [1, 2])
@@ -122,8 +174,6 @@ def test_long_names_are_no_wider_than_their_column_and_scores_stand_below_all_cr
 def test_the_same_rows_give_the_same_bytes_and_pixels_are_not_smoothed():
     made = [teaser(("a", "b", "c"), [row()], columns=2) for _ in range(2)]
     assert vector_bytes(made[0], "pdf") == vector_bytes(made[1], "pdf")
-    from PIL import Image
-
     drawn = np.asarray(Image.open(io.BytesIO(png_bytes(made[0]))).convert("RGB"))
     stored = {tuple(pixel) for pixel in row().frames[1][10:25, 10:30].reshape(-1, 3)}
     box = made[0].axes[3].get_position()  # the second method's first crop

@@ -55,8 +55,9 @@ def figure(
     source: Annotated[
         Path,
         typer.Argument(
-            help="Folder of built clips, or a study's .toml file with its clips in clips/.",
-            metavar="CLIPS|STUDY",
+            help="Folder of built clips, a study's .toml file with its clips in clips/, or a folder"
+            " of steps that 'metamerlab warp --steps' wrote.",
+            metavar="CLIPS|STUDY|STEPS",
         ),
     ],
     out: Annotated[Path, typer.Option(help="Figure to write: .pdf, .svg or .png.")] = Path(
@@ -81,10 +82,12 @@ def figure(
             --columns 1 --out narrow.pdf
 
         metamerlab figure clips --scene garden --size large --crops 120,80,64,48 --out figure.svg
+
+        metamerlab figure steps --out fills.pdf
     """
     from protocols.disk.whole_file import write_whole
     from stimuli.score.plots import png_bytes, vector_bytes
-    from stimuli.warp.teaser import RowSettings, figure_rows, teaser
+    from stimuli.warp.teaser import RowSettings, figure_rows, of_clips, of_steps, teaser
 
     if out.suffix not in ENDINGS:
         raise StudyError(f"--out: must end in {', '.join(ENDINGS)} (got {out})")
@@ -93,10 +96,9 @@ def figure(
     clips = source.parent / "clips" if is_study else source
     study = source if is_study else protocol
     labels = {} if study is None else dict(load_protocol(study, recorded=True).stimuli.labels())
-    manifest = read_manifest(clips)
+    built = is_study or (clips / "manifest.json").exists() or not clips.is_dir()
     chosen, rows = figure_rows(
-        clips,
-        manifest,
+        of_clips(clips, read_manifest(clips)) if built else of_steps(clips),
         RowSettings(
             ()
             if shown.methods is None
@@ -132,7 +134,7 @@ def figure(
         raise StudyError(f"{out}: must be writable ({error.strerror})") from None
     for row in rows:
         places = " ".join(f"--crops {','.join(map(str, crop))}" for crop in row.crops)
-        say(f"{row.title}: --frame {row.frame} {places}")
+        say(f"{', '.join(row.condition) or clips}: --frame {row.frame} {places}")
     say(f"wrote {out}")
 
 
@@ -186,12 +188,12 @@ def _jods(scales: list[dict[str, Any]], size: str | None) -> dict[str, str]:
     unit = str(scale["unit"])
     if limits is None:
         return {
-            name: f"{value:.2f} {unit}".replace("-", MINUS)
+            name: f"{value:z.2f} {unit}".replace("-", MINUS)
             for name, value in zip(scale["conditions"], scale["scores"], strict=True)
         }
     rows = zip(scale["conditions"], scale["scores"], limits["lower"], limits["upper"], strict=True)
     return {
-        name: f"{value:.2f} {unit} [{lower:.2f}, {upper:.2f}]".replace("-", MINUS)
+        name: f"{value:z.2f} {unit}\n[{lower:z.2f}, {upper:z.2f}]".replace("-", MINUS)
         for name, value, lower, upper in rows
     }
 
@@ -209,4 +211,4 @@ def _shares(rows: list[dict[str, str]], size: str | None) -> dict[str, str]:
             trials[name] = trials.get(name, 0) + count
     if not trials:
         raise ValueError
-    return {name: f"chosen in {100 * chosen[name] / trials[name]:.0f} %" for name in trials}
+    return {name: f"chosen in\n{100 * chosen[name] / trials[name]:.0f} %" for name in trials}

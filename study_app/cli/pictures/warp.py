@@ -171,7 +171,7 @@ def _run(
         console.print(f"wrote {compare} ({len(fills)} methods)")
     if steps is not None:
         with console.status("writing every step ..."):
-            written = write_warp_steps(steps, frame, warped, plain, seed=seed)
+            written = write_warp_steps(steps, frame, warped, plain, seed=seed, truth=truth)
         console.print(f"wrote {len(written)} pictures to {steps}; begin with {written[-1]}")
 
 
