@@ -260,7 +260,7 @@ def teaser(
     Parameters
     ----------
     methods, rows : sequences
-        As `figure_rows` returns them. Of several rows, each says in what it differs from the others.
+        As `figure_rows` returns them. Several rows say in what they differ.
     columns : {1, 2}
         Of the page that the figure is as wide as.
     scores : mapping, optional
