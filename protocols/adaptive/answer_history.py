@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 from protocols.errors import StudyError
 
 Shape: TypeAlias = Literal["gauss", "logistic", "gumbel", "weibull"]
-"""Of a psychometric function (`protocols.adaptive.psychometric_function`)."""
+"""Form of a psychometric function (`protocols.adaptive.psychometric_function`)."""
 
 Answer: TypeAlias = tuple[float, bool]
 """The level that was shown, and whether the answer was correct (or "yes")."""

@@ -30,7 +30,6 @@ distance between levels, as it should be, both are the same.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 from protocols.adaptive.answer_history import History, check_history, check_rising
 from protocols.errors import StudyError
@@ -95,53 +94,6 @@ class UpDown:
         if self.in_a_row < 1:
             raise StudyError(f"in_a_row: must be at least 1 (got {self.in_a_row})")
 
-    @classmethod
-    def weighted(
-        cls,
-        levels: tuple[float, ...],
-        *,
-        start: float,
-        target: float,
-        harder: tuple[float, ...],
-        falling: bool = False,
-    ) -> Self:
-        """Return Kaernbach's rule: it converges to `target` correct, a share in (0, 1).
-
-        A wrong answer moves the track ``target / (1 - target)`` times as far as a correct one:
-        three times for .75.
-
-        Raises
-        ------
-        StudyError
-            As the class, and if `target` is no share.
-        """
-        if not 0 < target < 1:
-            raise StudyError(
-                f"target: must be a share of correct answers between 0 and 1 (got {target:g})"
-            )
-        ratio = target / (1.0 - target)
-        easier = tuple(step * ratio for step in harder)
-        return cls(levels, start, harder, easier, falling=falling)
-
-    @classmethod
-    def transformed(
-        cls,
-        levels: tuple[float, ...],
-        *,
-        start: float,
-        in_a_row: int,
-        steps: tuple[float, ...],
-        falling: bool = False,
-    ) -> Self:
-        """Return Levitt's rule: it converges to ``.5 ** (1 / in_a_row)`` correct.
-
-        Raises
-        ------
-        StudyError
-            As the class.
-        """
-        return cls(levels, start, steps, steps, in_a_row=in_a_row, falling=falling)
-
 
 @dataclass(frozen=True)
 class Track:
@@ -159,12 +111,6 @@ class Track:
     next_level: float
     shown: tuple[float, ...]
     reversals: tuple[int, ...]
-
-
-def performance(settings: UpDown) -> float:
-    """Return the share of correct answers to which the last steps converge."""
-    harder, easier = settings.harder[-1], settings.easier[-1]
-    return float((easier / (easier + harder)) ** (1.0 / settings.in_a_row))
 
 
 def track(history: History, settings: UpDown) -> Track:

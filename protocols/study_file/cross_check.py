@@ -208,8 +208,13 @@ def _task_rules(
             f"must be left out for the task {task.kind!r}, whose answers are no decisions that one"
             f" can be sure of; tasks that may have it: {having}",
         )
-    if not isinstance(design, Design):
-        return
+    if isinstance(design, Design):
+        yield from _side_and_practice(task, design, text)
+
+
+def _side_and_practice(task: Task, design: Design, text: object) -> Iterator[Problem]:
+    """Sides that keys may swap, and practice that judges."""
+    answers = task.answers()
     if design.side != "fixed" and (task.sided or len(answers) > 2):
         why = "name sides or places" if task.sided else "are more than two"
         yield Problem(

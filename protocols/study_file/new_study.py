@@ -48,8 +48,8 @@ class Start(NamedTuple):
     inputs: str
     """Rows on these in the README's table."""
     catch_min_share: float = 0.5
-    """Of six catch trials. A plain right answer leaves room for one slip. A preference, even a
-    plain one, is an opinion: only who mostly prefers the worse is left out."""
+    """Share of six catch trials that must be right. A plain right answer leaves room for one slip.
+    A preference, even a plain one, is an opinion: only who mostly prefers the worse is left out."""
     power: str = "metamerlab analysis power study.toml --rate 0.65"
 
 
@@ -110,8 +110,8 @@ def study_files(
     recipe = _recipe(task, own)
     sections = {**_sections("shared"), **_sections(task), **_sections(recipe), **own.sections()}
     study = _composed(_template("study.toml"), sections)
-    written = _toml(study)
-    words = _words(name, title, display, own) | _words_of(task, recipe, written, sections)
+    answers = len(_toml(study)["text"]["languages"]["en"]["answers"])
+    words = _words(name, title, display, own) | _words_of(task, recipe, answers, sections)
     study, screen, readme = (
         re.sub(r"@(\w+)@", lambda use: str(words[use[1]]), text)
         for text in (study, _template("display.toml"), _template("README.md"))
@@ -177,13 +177,12 @@ def _words(name: str, title: str, display: Display, own: OwnStimuli) -> dict[str
 
 
 def _words_of(
-    task: str, recipe: str, study: Mapping[str, Any], sections: Mapping[str, str]
+    task: str, recipe: str, answers: int, sections: Mapping[str, str]
 ) -> dict[str, object]:
     """Return the values of ``@WORD@`` that differ between tasks and recipes."""
     from protocols.answer_rules import answer_rule  # completion of names does without scipy
 
     kind, start = TASKS[task].task, _STARTS[recipe]
-    answers = len(study["text"]["languages"]["en"]["answers"])
     guess = answer_rule(kind.rule, answers).chance if issubclass(kind, RightOrWrong) else 0.0
     return {
         "TASK": task,
@@ -363,7 +362,7 @@ def _toml(text: str) -> dict[str, Any]:
 
 _FROM_NUMBERS = "from-numbers"
 _MOST = FIXED["design"].most
-"""Of pairs, of scenes, of repeats, of participants: more is a slip of the hand."""
+"""Largest number of pairs, scenes, repeats or participants: more is a slip of the hand."""
 
 
 def preferences_of(*, pairs: int, scenes: int, repeats: int, participants: int) -> StudyProtocol:

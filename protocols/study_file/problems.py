@@ -194,7 +194,7 @@ def in_words(detail: ErrorDetails, owner: type[BaseModel] | None = None) -> str:
     return f"{detail['msg']} (got {_show(found)})"
 
 
-def _tag(context: Mapping[str, Any]) -> str:
+def _tag(context: Mapping[str, object]) -> str:
     """Return the key that says which of several models a table is: `kind`, or a rule's `rule`."""
     return str(context.get("discriminator", "kind")).strip("'")
 

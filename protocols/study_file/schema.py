@@ -81,7 +81,7 @@ class StudyProtocol(ExtendedModel):
     """Settings for a browser. Default: at the desk only."""
     _secret: str | None = PrivateAttr(default=None)
     _order_seed: int | None = PrivateAttr(default=None)
-    _gone: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _gone: dict[str, object] = PrivateAttr(default_factory=dict)
 
     @model_validator(mode="after")
     def _sections_agree(self) -> StudyProtocol:
@@ -140,7 +140,7 @@ class StudyProtocol(ExtendedModel):
         copy._secret = secret
         return copy
 
-    def with_gone(self, said: dict[str, Any]) -> StudyProtocol:
+    def with_gone(self, said: dict[str, object]) -> StudyProtocol:
         """Return the same study with what its removed keys said, by dotted place."""
         copy = self.model_copy()
         copy._gone = said

@@ -12,9 +12,9 @@ from protocols.errors import Problem, count_of, did_you_mean
 from protocols.tasks.base import Analysis
 
 NOTHING_LEFT = 2e-3
-"""Of a sum of weights that is to be 0, by the largest: thirds are written in three digits."""
+"""Largest sum that counts as 0, as a share of the largest weight: thirds have three digits."""
 MOST_DRAWS = 100_000
-"""Of a parametric bootstrap."""
+"""Largest number of draws of a parametric bootstrap."""
 _WEIGHT = re.compile(r"\s*(.+?)\s*=\s*([-+]?[\d./]+)\s*(?:,|$)")
 
 
@@ -29,7 +29,7 @@ def _weights(given: object) -> object:
 
 
 Weights = Annotated[dict[str, float], BeforeValidator(_weights)]
-"""Of conditions, by name; in one text `ours=1, blur=-1/2, none=-1/2`."""
+"""Weights of conditions by name; in one text `ours=1, blur=-1/2, none=-1/2`."""
 
 
 class MixedAnalysis(Analysis):

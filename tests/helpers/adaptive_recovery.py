@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import entr, ndtr, ndtri
 from scipy.stats import spearmanr
+from up_down_rules import performance, transformed, weighted
 
 from protocols.adaptive import active_pairs, quest_plus, up_down
 from protocols.adaptive.answer_history import History
 from protocols.adaptive.psychometric_function import probability, slope_of
 from protocols.adaptive.quest_plus import PARAMETERS, Axis, Grid, posterior
-from protocols.adaptive.up_down import UpDown, performance, track
+from protocols.adaptive.up_down import UpDown, track
 from protocols.disk.hashing import Chance
 from protocols.errors import StudyError
 
@@ -252,10 +253,10 @@ def run_up_down(people: Observers, settings: UpDown) -> Run:
 def up_down_rules() -> dict[str, UpDown]:
     """Return the tracks of the benchmark; 17 is easy for every observer."""
     return {
-        "weighted .75": UpDown.weighted(LEVELS, start=17.0, target=0.75, harder=(1.0,)),
-        "weighted .75, fine": UpDown.weighted(LEVELS, start=17.0, target=0.75, harder=(1.0, 0.5)),
-        "2 in a row": UpDown.transformed(LEVELS, start=17.0, in_a_row=2, steps=(2.0, 1.0)),
-        "3 in a row": UpDown.transformed(LEVELS, start=17.0, in_a_row=3, steps=(2.0, 1.0)),
+        "weighted .75": weighted(LEVELS, start=17.0, target=0.75, harder=(1.0,)),
+        "weighted .75, fine": weighted(LEVELS, start=17.0, target=0.75, harder=(1.0, 0.5)),
+        "2 in a row": transformed(LEVELS, start=17.0, in_a_row=2, steps=(2.0, 1.0)),
+        "3 in a row": transformed(LEVELS, start=17.0, in_a_row=3, steps=(2.0, 1.0)),
     }
 
 

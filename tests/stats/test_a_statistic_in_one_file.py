@@ -20,7 +20,7 @@ NAME = "median_differences"
 
 @pytest.fixture
 def told(monkeypatch, tmp_path):
-    """What a report of reaction times tells of the statistic alone."""
+    """Content of a report of reaction times with the statistic alone."""
     monkeypatch.syspath_prepend(str(FOLDER))
     part = importlib.import_module(NAME).MedianDifferencesPart
     monkeypatch.setattr("analysis.parts.ADDED", {NAME: part})

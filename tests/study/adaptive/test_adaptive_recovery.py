@@ -19,8 +19,7 @@ from adaptive_recovery import (
     run_up_down,
     up_down_rules,
 )
-
-from protocols.adaptive.up_down import performance
+from up_down_rules import performance
 
 
 def found(rule: str, count: int) -> Recovery:

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 from adaptive_recovery import THRESHOLDS, Observers
+from up_down_rules import performance, transformed, weighted
 
 from protocols.adaptive.psychometric_function import slope_of
 from protocols.adaptive.quest_plus import Axis, Grid
-from protocols.adaptive.up_down import UpDown, performance
+from protocols.adaptive.up_down import UpDown
 
 AXES = {"guess": "lower_asymptote", "threshold": "mean", "width": "sd", "lapse": "lapse_rate"}
 LEVELS = tuple(float(level) for level in np.arange(0.0, 20.25, 0.5))
@@ -115,12 +116,12 @@ def quest_cases() -> list[dict[str, object]]:
 def track_cases() -> list[dict[str, object]]:
     """Record 60 trials of SweetSpot's weighted, and of psychopy's transformed up-down."""
     rules = {
-        "SweetSpot, .75": UpDown.weighted(LEVELS, start=15.0, target=0.75, harder=(0.5,)),
-        "SweetSpot, .5": UpDown.weighted(LEVELS, start=9.5, target=0.5, harder=(1.0,)),
-        "psychopy, 2 in a row": UpDown.transformed(
+        "SweetSpot, .75": weighted(LEVELS, start=15.0, target=0.75, harder=(0.5,)),
+        "SweetSpot, .5": weighted(LEVELS, start=9.5, target=0.5, harder=(1.0,)),
+        "psychopy, 2 in a row": transformed(
             LEVELS, start=17.0, in_a_row=2, steps=(4.0, 2.0, 1.0, 0.5)
         ),
-        "psychopy, 3 in a row": UpDown.transformed(LEVELS, start=20.0, in_a_row=3, steps=(2.0,)),
+        "psychopy, 3 in a row": transformed(LEVELS, start=20.0, in_a_row=3, steps=(2.0,)),
         "psychopy, 3 in a row from the first trial": UpDown(
             LEVELS, 12.0, (2.0, 1.0), (2.0, 1.0), in_a_row=3, one_at_first=False
         ),
