@@ -10,19 +10,18 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.foveate_quality import cut, jod_of
+from benchmarks.foveate_quality import jod_of, pictures
 from benchmarks.shared.output import PagePart, conditions, file_to_write, write_record
 from pipeline.compression.codec import DEFAULT_ANGLES, CompressionSettings
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.context import create_context, release_context
 from pipeline.pictures import drawing
-from pipeline.pictures.decode import from_integers, read_pixels, three_channels
 from stimuli.compress.rivals import InfeasibleRival, measured, rival_sheet, rivals
 from stimuli.scenes.builtin_pictures import builtin_picture
 
@@ -140,9 +139,7 @@ def _pictures(folder: Path | None, edge: int) -> Iterator[tuple[str, Picture]]:
             yield name, builtin_picture(name, Flat(WIDTH_DEG).of(edge, edge), ctx)
         release_context(ctx)
         return
-    for file in sorted(folder.iterdir()):
-        if file.suffix.lower() in (".png", ".jpg", ".jpeg"):
-            yield file.stem, cut(from_integers(three_channels(file, read_pixels(file))), edge)
+    yield from pictures(folder, edge)
 
 
 def _results(name: str, picture: Picture, arguments: argparse.Namespace) -> Iterator[Result]:
@@ -153,7 +150,8 @@ def _results(name: str, picture: Picture, arguments: argparse.Namespace) -> Iter
         for size_kb in arguments.sizes:
             for kind in KINDS:
                 size_bytes = round(1000 * size_kb)
-                (one,) = rivals(picture, gaze_px, size_bytes, settings, kinds=(kind,))
+                asked = replace(settings, size_bytes=size_bytes)
+                (one,) = rivals(picture, gaze_px, asked, kinds=(kind,))
                 if isinstance(one, InfeasibleRival):
                     print(f"{name}: no {one.name} of {size_kb:g} kB: {one.why}")
                     continue
@@ -169,7 +167,8 @@ def _sheet(picture: Picture, arguments: argparse.Namespace) -> drawing.Picture:
     height, width = picture.shape[:2]
     geometry, gaze_px = Flat(WIDTH_DEG).of(width, height), (width / 2, height / 2)
     settings = CompressionSettings(codec=arguments.codecs[0], angles=arguments.angles)
-    beside = rivals(picture, gaze_px, round(1000 * arguments.sheet_kb), settings)
+    asked = replace(settings, size_bytes=round(1000 * arguments.sheet_kb))
+    beside = rivals(picture, gaze_px, asked)
     sheet = rival_sheet(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
     shrunk = tuple(round(SHEET_PX / max(sheet.shape) * edge) for edge in sheet.shape[:2])
     return drawing.fitted(sheet, (shrunk[0], shrunk[1]))

@@ -19,10 +19,11 @@ import itertools
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
+from operator import truediv
+from typing import Any, Self
 
 import moderngl
 import numpy as np
@@ -69,6 +70,47 @@ def picture(edge_px: int) -> np.ndarray:
     return np.repeat(waves.clip(0, 1)[..., None], 3, axis=2).astype(np.float32)
 
 
+@dataclass(frozen=True)
+class Turns:
+    """Milliseconds of each work, turn by turn, by the wall clock and of the CPU."""
+
+    wall: dict[str, list[float]]
+    cpu: dict[str, list[float]]
+    software: bool
+
+    @classmethod
+    def of(
+        cls, ctx: moderngl.Context, works: Mapping[str, Callable[[], None]], repeats: int
+    ) -> Self:
+        """Do all works in turn, once to warm up and then so often."""
+        found = cls({name: [] for name in works}, {name: [] for name in works},
+                    describe(ctx).software)  # fmt: skip
+        for work in works.values():
+            measure(ctx, work, repeats=1, warm_up=1)
+        for _ in range(repeats):
+            for name, work in works.items():
+                cpu_s = time.process_time()
+                found.wall[name].append(measure(ctx, work, repeats=1, warm_up=0).median_ms)
+                found.cpu[name].append(1e3 * (time.process_time() - cpu_s))
+        return found
+
+    def line(self, edge_px: int, name: str) -> Line:
+        """Return the times of a work, and their ratios to the blur and the copy that are there."""
+        compared = self.cpu if self.software else self.wall
+        # Turn by turn: then a ratio holds while the machine's speed drifts.
+        blurs, copies = (
+            statistics.median(map(truediv, compared[name], compared[other]))
+            if other in compared
+            else None
+            for other in ("blur" + HELD if name.endswith(HELD) else "blur", "copy")
+        )
+        cpu_ms = statistics.median(self.cpu[name]) if self.software else None
+        times = self.wall[name]
+        return Line(
+            edge_px, name, "gpu", statistics.median(times), min(times), cpu_ms, blurs, copies
+        )
+
+
 def time_gpu(
     ctx: moderngl.Context,
     edge_px: int,
@@ -100,40 +142,9 @@ def time_gpu(
         works[name + HELD] = lambda passes=passes: passes.show(  # type: ignore[misc]
             target, (middle[0] + next(beside) % 8, middle[1]), field_gaze_px=middle
         )
-    software = describe(ctx).software
-    times: dict[str, list[float]] = {name: [] for name in works}
-    cpu_times: dict[str, list[float]] = {name: [] for name in works}
-    for turn in range(repeats + 1):
-        for name, work in works.items():
-            if turn == 0:
-                measure(ctx, work, repeats=1, warm_up=1)
-                continue
-            cpu_s = time.process_time()
-            times[name].append(measure(ctx, work, repeats=1, warm_up=0).median_ms)
-            cpu_times[name].append(1e3 * (time.process_time() - cpu_s))
-    compared = cpu_times if software else times
-
-    def line(name: str) -> Line:
-        # Turn by turn: then a ratio holds while the machine's speed drifts.
-        blur = "blur" + HELD if name.endswith(HELD) else "blur"
-        blurs, copies = (
-            statistics.median(ours / theirs for ours, theirs in zip(*pair, strict=True))
-            for pair in ((compared[name], compared[other]) for other in (blur, "copy"))
-        )
-        return Line(
-            edge_px,
-            name,
-            "gpu",
-            statistics.median(times[name]),
-            min(times[name]),
-            statistics.median(cpu_times[name]) if software else None,
-            blurs,
-            copies,
-            passes=1,
-            held_bytes=0,
-        )
-
-    lines = [line("copy")]
+    turns = Turns.of(ctx, works, repeats)
+    line = partial(turns.line, edge_px)
+    lines = [replace(line("copy"), passes=1, held_bytes=0)]
     for name, passes in made.items():
         found_line = line(name)
         share = analysis_share(ctx, works[name], min(repeats, SHARED_RUNS))
@@ -172,23 +183,8 @@ def new_seed(
     def work() -> None:
         passes.set_seed(next(seeds))
 
-    work()
-    times, cpu_times = [], []
-    for _ in range(repeats):
-        cpu_s = time.process_time()
-        times.append(measure(ctx, work, repeats=1, warm_up=0).median_ms)
-        cpu_times.append(1e3 * (time.process_time() - cpu_s))
-    cpu_ms = statistics.median(cpu_times) if describe(ctx).software else None
-    return Line(
-        edge_px,
-        name + NEW_SEED,
-        "gpu",
-        statistics.median(times),
-        min(times),
-        cpu_ms,
-        passes=len(dispatches_of(work)),
-        held_bytes=passes.held_bytes,
-    )
+    line = Turns.of(ctx, {name + NEW_SEED: work}, repeats).line(edge_px, name + NEW_SEED)
+    return replace(line, passes=len(dispatches_of(work)), held_bytes=passes.held_bytes)
 
 
 def analysis_share(ctx: moderngl.Context, work: Callable[[], None], repeats: int) -> float:

@@ -5,7 +5,7 @@ Faults are flicker inside holes, repeated frames and black frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -95,19 +95,31 @@ def check_batch(out: Path, report: Callable[[int, int], None] | None = None) -> 
             if report is not None:
                 report(done, len(names))
     verdict.frames = len(names)
+    whole = _whole_masks(out, masks, verdict)
+    _check_statements(out, whole, verdict)
+    return verdict
+
+
+def _whole_masks(out: Path, masks: Mapping[str, str], verdict: Verdict) -> set[str]:
+    """Return the surveys whose masks are there as their hash says; note those that are not."""
+    whole = set()
     for name, wanted in sorted(masks.items()):
-        folder = out / HOLES_FOLDER / name
-        files = sorted(folder.glob("*.png"))
+        files = sorted((out / HOLES_FOLDER / name).glob("*.png"))
         joined = "".join(sha256_file(path) for path in files)
-        complete = not any(m.startswith(f"{HOLES_FOLDER}/{name}/") for m in verdict.missing)
-        if complete and sha256_bytes(joined.encode()) != wanted:
+        if any(m.startswith(f"{HOLES_FOLDER}/{name}/") for m in verdict.missing):
+            continue
+        if sha256_bytes(joined.encode()) == wanted:
+            whole.add(name)
+        else:
             verdict.changed.append(f"{HOLES_FOLDER}/{name} (one or more of its masks)")
-            masks.pop(name)
-        elif not complete:
-            masks.pop(name)
+    return whole
+
+
+def _check_statements(out: Path, masks: Collection[str], verdict: Verdict) -> None:
+    """Compare what the manifest says of clips with their first frames, and with whole masks."""
     damaged = {*verdict.missing, *verdict.changed}
     shares: dict[str, tuple[float, float, float]] = {}
-    for clip in manifest.clips:
+    for clip in verdict.manifest.clips:
         if clip.frame_path(0) not in damaged and (said := _wrong_frame(out, clip)):
             verdict.changed.append(f"{MANIFEST_NAME} ({clip.name}: {said})")
         name = survey_name(ClipName.of(clip.condition)) if masks else ""
@@ -123,7 +135,6 @@ def check_batch(out: Path, report: Callable[[int, int], None] | None = None) -> 
                     f" {shares[name][1]:g} to {shares[name][2]:g}, as its masks have it; it says"
                     f" {', '.join(map(str, stated))})"
                 )
-    return verdict
 
 
 def _wrong_frame(out: Path, clip: Clip) -> str | None:

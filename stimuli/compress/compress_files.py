@@ -23,6 +23,7 @@ from pipeline.compression.compressed_file import CompressedPicture, atlas_shape,
 from pipeline.compression.gpu import DecompressPass
 from pipeline.compression.grid import PolarGrid
 from pipeline.errors import InputError
+from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.pictures import drawing
 from pipeline.pictures.drawing import Picture
@@ -91,16 +92,8 @@ def compress_file(
         more = "" if settings.angles is None else "; more --angles would use it"
         tell(f"note: the best quality takes less than was asked for{more}")
     if compare is not None:
-        picture, geometry = frames[0], looking.geometry
-        reporter.progress("comparing", 0, 0)
-        beside = rivals(
-            picture, gaze_px, len(data), replace(settings, angles=found.grid.rows_per_turn)
-        )
-        sheet = rival_sheet(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
-        drawing.save_picture(compare, sheet)
-        for missed in (one for one in beside if isinstance(one, InfeasibleRival)):
-            tell(f"note: --compare has no {missed.name}: {missed.why}")
-        tell(f"wrote {compare}")
+        alike = replace(settings, size_bytes=len(data), angles=found.grid.rows_per_turn)
+        _compare(compare, frames[0], looking.geometry, gaze_px, alike, reporter)
     if steps is not None:
         tell(f"wrote {write_compression_steps(steps, frames[0], found)[-1]}")
     write_whole(out, data)
@@ -110,6 +103,24 @@ def compress_file(
         f" ({settings.codec} quality {found.quality}, {found.grid.rows_per_turn} angles)"
     )
     return found
+
+
+def _compare(
+    out: Path,
+    picture: NDArray[np.float32],
+    geometry: Geometry,
+    gaze_px: tuple[float, float],
+    alike: CompressionSettings,
+    reporter: Reporter,
+) -> None:
+    """Write the sheet of a picture beside files of the same size."""
+    reporter.progress("comparing", 0, 0)
+    beside = rivals(picture, gaze_px, alike)
+    sheet = rival_sheet(picture, beside, lambda one: measured(one, picture, geometry, gaze_px))
+    drawing.save_picture(out, sheet)
+    missed = (one for one in beside if isinstance(one, InfeasibleRival))
+    reporter.note(f"--compare has no {one.name}: {one.why}" for one in missed)
+    reporter.say(f"wrote {out}")
 
 
 def decompress_file(

@@ -74,16 +74,15 @@ class RivalQuality:
 def rivals(
     picture: NDArray[np.float32],
     gaze_px: tuple[float, float],
-    size_bytes: int,
     settings: CompressionSettings,
     *,
     kinds: Iterable[str] = ("plain", "foveated", "metameric"),
 ) -> list[Rival | InfeasibleRival]:
-    """Make a picture's files of at most `size_bytes`, by one codec, as far as they can be."""
+    """Make a picture's files of at most the settings' size, by one codec, as far as they can be."""
     found: list[Rival | InfeasibleRival] = []
     for kind in kinds:
         try:
-            found.append(_rival(kind, picture, gaze_px, replace(settings, size_bytes=size_bytes)))
+            found.append(_rival(kind, picture, gaze_px, settings))
         except InputError as error:
             found.append(InfeasibleRival(f"{kind} {settings.codec.upper()}", str(error)))
     return found

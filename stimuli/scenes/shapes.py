@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -174,12 +174,7 @@ def tube(
     copies = max(1, round(around))
     u, v = np.meshgrid(turn / (2 * np.pi) * copies, along / texture_m[1])
     mesh = surface(position, np.stack([u, v], -1), closed=True)
-    outward = position - line[:, None]
-    flip = np.sum(mesh.normal * outward.reshape(-1, 3), axis=1, keepdims=True) < 0
-    return Mesh(
-        mesh.position_m, np.where(flip, -mesh.normal, mesh.normal), mesh.uv, mesh.colour,
-        mesh.triangles,
-    )  # fmt: skip
+    return _facing(mesh, (position - line[:, None]).reshape(-1, 3))
 
 
 def lathe(profile: ArrayLike, texture_m: float, *, sides: int = 24) -> Mesh:
@@ -196,11 +191,7 @@ def lathe(profile: ArrayLike, texture_m: float, *, sides: int = 24) -> Mesh:
     u, v = np.meshgrid(turn / (2 * np.pi) * copies, along / texture_m)
     mesh = surface(position, np.stack([u, v], -1), closed=True)
     middle = np.stack([np.zeros(1), [outline[:, 1].mean()], np.zeros(1)], -1)
-    outward = np.sum(mesh.normal * (mesh.position_m - middle), axis=1, keepdims=True)
-    return Mesh(
-        mesh.position_m, np.where(outward < 0, -mesh.normal, mesh.normal), mesh.uv, mesh.colour,
-        mesh.triangles,
-    )  # fmt: skip
+    return _facing(mesh, mesh.position_m - middle)
 
 
 def boulder(
@@ -224,12 +215,13 @@ def boulder(
         [copies * turn / (2 * np.pi) + 0 * polar, polar / np.pi * max(1, copies // 2) + 0 * turn],
         -1,
     )
-    mesh = surface(position, uv, closed=True)
-    flip = np.sum(mesh.normal * unit.reshape(-1, 3), axis=1, keepdims=True) < 0
-    return Mesh(
-        mesh.position_m, np.where(flip, -mesh.normal, mesh.normal), mesh.uv, mesh.colour,
-        mesh.triangles,
-    )  # fmt: skip
+    return _facing(surface(position, uv, closed=True), unit.reshape(-1, 3))
+
+
+def _facing(mesh: Mesh, outward: NDArray[np.float64]) -> Mesh:
+    """The mesh with all of its normals outwards."""
+    flip = np.sum(mesh.normal * outward, axis=1, keepdims=True) < 0
+    return replace(mesh, normal=np.where(flip, -mesh.normal, mesh.normal))
 
 
 def card(
