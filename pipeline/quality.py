@@ -46,7 +46,7 @@ class Quality:
     band_error: float
 
 
-class TrueView:
+class KnownTruth:
     """The truth, and what measures of fills ask of it: computed once for all fills of a hole.
 
     Parameters
@@ -83,7 +83,7 @@ def interior(hole: Bools) -> Bools:
 
 
 def evaluate(
-    filled: NDArray[np.float32], truth: TrueView | NDArray[np.float32], mask: Bools
+    filled: NDArray[np.float32], truth: KnownTruth | NDArray[np.float32], mask: Bools
 ) -> Quality:
     """Measure `filled` against `truth` inside `mask`.
 
@@ -91,7 +91,7 @@ def evaluate(
     ----------
     filled : ndarray of float32, shape (H, W, 3)
         Encoded R'G'B' in [0, 1].
-    truth : TrueView, or ndarray like `filled`
+    truth : KnownTruth, or ndarray like `filled`
     mask : ndarray of bool, shape (H, W)
         At least one pixel.
 
@@ -100,8 +100,8 @@ def evaluate(
     InputError
         If an array breaks these rules, or the image is too small for SSIM.
     """
-    if not isinstance(truth, TrueView):
-        truth = TrueView(truth)
+    if not isinstance(truth, KnownTruth):
+        truth = KnownTruth(truth)
     return Quality(
         psnr_db=psnr_db(filled, truth.colour, mask),
         ssim=ssim(filled, truth.colour, mask),
@@ -165,7 +165,7 @@ def high_frequency_ratio(
     return ours / theirs
 
 
-def band_error(filled: NDArray[np.float32], truth: TrueView, mask: Bools) -> float:
+def band_error(filled: NDArray[np.float32], truth: KnownTruth, mask: Bools) -> float:
     """Distance of the local statistics of the fill's bands from the truth's.
 
     Mean and deviation of every band of the steerable pyramid in Y'CbCr, pooled over the

@@ -206,7 +206,7 @@ def cpu_s() -> float:
 COLLECTION = "collection"
 """A row of its own among the costs."""
 REFERENCE_LOOP_MS = 11
-"""What the loop by which `script/setup` chooses a Python takes where tests were marked `slow`."""
+"""Time of the loop by which `script/setup` chooses a Python, where tests were marked `slow`."""
 UNMARKED_S = 1.5
 """Most CPU seconds there of a test that is not marked."""
 

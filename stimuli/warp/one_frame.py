@@ -14,7 +14,7 @@ from pipeline.methods.registry import fill
 from pipeline.named_classes import Choice
 from pipeline.pictures import drawing
 from pipeline.pictures.warp_input import WarpInput
-from pipeline.quality import SSIM_LEAST_PX, Quality, TrueView, evaluate, interior
+from pipeline.quality import SSIM_LEAST_PX, KnownTruth, Quality, evaluate, interior
 from pipeline.synthesis.settings import check_seed
 from pipeline.warp.gpu import warp_frame
 from pipeline.warp.settings import WarpSettings
@@ -76,7 +76,7 @@ def warp_and_fill(
     everywhere = warped.hole if truth_mask is None else warped.hole & truth_mask
     inside = interior(warped.hole) if truth_mask is None else everywhere
     same = np.array_equal(inside, everywhere)
-    view = None if truth is None else TrueView(truth)
+    view = None if truth is None else KnownTruth(truth)
     results = []
     for choice in choices:
         colour = fill(warped, choice.name, seed=seed, ctx=ctx, **choice.parameters)
@@ -87,7 +87,7 @@ def warp_and_fill(
 
 
 def _measure(
-    colour: NDArray[np.float32], truth: TrueView | None, mask: NDArray[np.bool_]
+    colour: NDArray[np.float32], truth: KnownTruth | None, mask: NDArray[np.bool_]
 ) -> Quality | None:
     if truth is None or not mask.any() or min(mask.shape) < SSIM_LEAST_PX:
         return None

@@ -341,7 +341,7 @@ class _Layout:
 
 
 def _titles(rows: Sequence[FigureRow]) -> list[str]:
-    """Return what is particular to each row: nothing where there is one."""
+    """Return the labels that tell rows apart, joined: empty for a row alone."""
     shared = [len(set(said)) == 1 for said in zip(*(row.condition for row in rows), strict=False)]
     return [
         ", ".join(said for said, same in zip(row.condition, shared, strict=False) if not same)

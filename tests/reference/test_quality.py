@@ -6,11 +6,11 @@ from scipy import ndimage
 
 from pipeline import quality as measures
 from pipeline.errors import InputError
-from pipeline.quality import TrueView, evaluate, high_frequency_ratio, psnr_db, ssim
+from pipeline.quality import KnownTruth, evaluate, high_frequency_ratio, psnr_db, ssim
 
 
 def band_error(filled, truth, mask):
-    return measures.band_error(filled, TrueView(truth), mask)
+    return measures.band_error(filled, KnownTruth(truth), mask)
 
 
 MEASURES = (psnr_db, ssim, high_frequency_ratio, band_error)
@@ -141,7 +141,7 @@ def test_ssim_refuses_an_image_smaller_than_its_window():
 
 
 def test_what_is_known_of_the_truth_is_the_same_for_every_fill_and_mask(mask, truth, rng):
-    view, wide = TrueView(truth), np.ones_like(mask)
+    view, wide = KnownTruth(truth), np.ones_like(mask)
     fills = [rng.random(truth.shape, dtype=np.float32) for _ in range(2)]
 
     for hole in (mask, wide, mask):
@@ -155,7 +155,7 @@ def test_the_truth_is_split_into_bands_once(mask, truth, rng, monkeypatch):
     monkeypatch.setattr(
         measures, "analyse", lambda image, *more: split.append(0) or analyse(image, *more)
     )
-    view = TrueView(truth)
+    view = KnownTruth(truth)
     for hole in (mask, np.ones_like(mask)):
         for _ in range(2):
             evaluate(rng.random(truth.shape, dtype=np.float32), view, hole)
