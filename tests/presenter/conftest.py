@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from captured_flips import CapturedPicture
+from attack.captured_flips import CapturedPicture
 from forked import METAMERLAB, Forked
 from PIL import Image
 from study_texts import shipped_study, with_values

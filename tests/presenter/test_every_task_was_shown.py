@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from captured_flips import compare
+from attack.captured_flips import compare
 from PIL import Image
 from study_texts import short_study
 from typer.testing import CliRunner

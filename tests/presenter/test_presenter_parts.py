@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from captured_flips import CapturedPicture, compare
+from attack.captured_flips import CapturedPicture, compare
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from captured_flips import compare
+from attack.captured_flips import compare
 
 from protocols.display import Display
 from protocols.errors import StudyError

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from captured_flips import compare
+from attack.captured_flips import compare
 
 from protocols.display import Viewing
 from protocols.plan import make_plan

@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 import trimesh
-from captured_flips import compare
+from attack.captured_flips import compare
 from PIL import Image
 from study_texts import shipped_study
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from random import Random
 
-from captured_flips import CapturedPicture, compare
+from attack.captured_flips import CapturedPicture, compare
 
 from study_app.attempt import BLANK
 from study_app.observers import ArtificialObserver, PreferenceModel
