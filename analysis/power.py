@@ -20,7 +20,7 @@ from analysis.power_curves import DesignPower, Power
 from analysis.showable import FamilyOfTests, two_scenes
 from protocols.errors import StudyError, count_of
 
-Counted = Callable[[int, int], None]
+OnCount = Callable[[int, int], None]
 S = TypeVar("S", bound=AnalysisPlan)
 
 COMMON = 0.5
@@ -211,7 +211,7 @@ def power(
     participants: Sequence[int] | None = None,
     studies: int | None = None,
     designs: bool = False,
-    progress: Counted | None = None,
+    progress: OnCount | None = None,
 ) -> Power:
     """Simulate a study's own design and planned tests for growing numbers of participants.
 
@@ -432,7 +432,7 @@ def _checked(simulation: AnySimulation, assumed: Mapping[str, float]) -> dict[st
     return {name: value for name, value in values.items() if not np.isnan(value)}
 
 
-def _batches(simulation: AnySimulation, studies: int, progress: Counted | None) -> Iterator[int]:
+def _batches(simulation: AnySimulation, studies: int, progress: OnCount | None) -> Iterator[int]:
     for start, end in pairwise([*range(0, studies, simulation.at_once), studies]):
         yield end - start
         if progress:

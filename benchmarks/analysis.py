@@ -27,7 +27,7 @@ from analysis.models.clustered import two_way
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.observers import check_observers
 from analysis.models.paired.bradley_terry_mixed import paired_model
-from analysis.models.paired.paired_counts import pair_index, probability
+from analysis.models.paired.paired_counts import choice_share, pair_index
 from analysis.models.scaling import scale
 from analysis.models.trends import trend
 from analysis.parts.times import TimesPart
@@ -295,7 +295,7 @@ def simulate_votes(
     own = quality + observer_sd * taste
     own = own + rng.normal(0, scene_sd, (1, scenes, count))
     first, second = pair_index(count)
-    answers = rng.binomial(repeats, probability(own[..., first] - own[..., second]))
+    answers = rng.binomial(repeats, choice_share(own[..., first] - own[..., second]))
     votes = np.zeros((people, scenes, count, count))
     votes[..., first, second] = answers
     votes[..., second, first] = repeats - answers

@@ -40,7 +40,7 @@ from protocols.units import (
 
 Place: TypeAlias = tuple[int, int]
 """Place of an upper left corner: pixels right of and below the screen's middle."""
-Size: TypeAlias = tuple[Pixels, Pixels]
+PixelSize: TypeAlias = tuple[Pixels, Pixels]
 """Width and height."""
 Rect: TypeAlias = tuple[int, int, Count, Count]
 """Left, top, width, height."""
@@ -93,7 +93,7 @@ class Words(Model):
     """Text on a picture of the screen's size: a notice, or a question above its answers."""
 
     kind: Literal["words"] = "words"
-    size_px: Size
+    size_px: PixelSize
     background: Grey
     """Grey of the screen: letters are black or white on it."""
     text: Text
@@ -107,7 +107,7 @@ class StoredPicture(Model):
     """A picture that is known by its pixels."""
 
     kind: Literal["stored"] = "stored"
-    size_px: Size
+    size_px: PixelSize
     sha256: Sha256
     """Hash of the text `WIDTHxHEIGHT` and the pixels, four bytes each, rows from the top."""
 
@@ -164,7 +164,7 @@ class Picture(Model):
     at: Place
 
     @property
-    def size_px(self) -> Size:
+    def size_px(self) -> PixelSize:
         """Width and height."""
         match self.of:
             case Dot(edge_px=edge) | Ring(edge_px=edge):
@@ -280,13 +280,13 @@ class TrialScript(Model):
     language: LanguageCode
     display: Text
     """Name of the display."""
-    size_px: Size
+    size_px: PixelSize
     """Size of its screen."""
     refresh_hz: Hertz
     background: Grey
     stimuli: tuple[ScriptStimulus, ...]
     """Stimuli as phases count them. Empty until an adaptive rule has chosen them."""
-    stimulus_px: Size
+    stimulus_px: PixelSize
     """Width and height of each."""
     phases: Annotated[tuple[ScriptPhase, ...], Field(min_length=1)]
     """Phases in their order. The last one is the blank that ends the trial; a void attempt goes

@@ -33,7 +33,7 @@ from protocols.script import (
 from protocols.study_file.schema import StudyProtocol
 from study_app.pages import words_image
 
-Pixels: TypeAlias = NDArray[np.uint8]
+PixelBytes: TypeAlias = NDArray[np.uint8]
 Bitmaps: TypeAlias = Mapping[str, Bitmap]
 """Pictures that a task draws itself, by their hashes."""
 INNER_SHARE = 1 / 3
@@ -50,7 +50,7 @@ def bitmaps_of(study: StudyProtocol, display: Display) -> dict[str, Bitmap]:
     return {entry.sha256: entry for entry in shown if isinstance(entry, Bitmap)}
 
 
-def drawn(of: Drawn, bitmaps: Bitmaps) -> Pixels:
+def drawn(of: Drawn, bitmaps: Bitmaps) -> PixelBytes:
     """Return a picture of shape (height, width, 4): RGBA with straight alpha.
 
     Raises
@@ -72,7 +72,7 @@ def drawn(of: Drawn, bitmaps: Bitmaps) -> Pixels:
             assert_never(of)
 
 
-def target_image(dot: Dot) -> Pixels:
+def target_image(dot: Dot) -> PixelBytes:
     """Draw the fixation target, black on the background's grey, with smooth edges.
 
     Thaler, Schuetz, Goodale and Gegenfurtner 2013, "What is the best fixation target? The effect of
@@ -95,7 +95,7 @@ def target_image(dot: Dot) -> Pixels:
     return _inked(np.rint(grey)[..., None], alpha)
 
 
-def ring_image(ring: Ring) -> Pixels:
+def ring_image(ring: Ring) -> PixelBytes:
     """Draw a Landolt ring by its geometry, smooth at the edge of pixels.
 
     Stroke and gap are a fifth of its height (ISO 8596); the gap has parallel sides.
@@ -131,7 +131,7 @@ def _covered(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     return shares
 
 
-def _inked(grey: NDArray[np.float64] | int, alpha: NDArray[np.float64]) -> Pixels:
+def _inked(grey: NDArray[np.float64] | int, alpha: NDArray[np.float64]) -> PixelBytes:
     image = np.empty((*alpha.shape, 4), np.uint8)
     image[..., :3] = grey
     image[..., 3] = np.rint(255 * alpha)
@@ -167,12 +167,12 @@ def write_pictures(
 def paint(
     script: TrialScript,
     phase: ScriptPhase,
-    stimuli: Mapping[int, Sequence[Pixels]],
+    stimuli: Mapping[int, Sequence[PixelBytes]],
     bitmaps: Bitmaps,
     *,
     refreshes: int = 0,
     notice: Picture | None = None,
-) -> Pixels:
+) -> PixelBytes:
     """Return the whole screen, shape (height, width, 3), so many refreshes into a phase.
 
     Parameters
@@ -204,7 +204,7 @@ def paint(
     return screen
 
 
-def lay(screen: Pixels, image: Pixels, at: Place) -> None:
+def lay(screen: PixelBytes, image: PixelBytes, at: Place) -> None:
     """Lay what of an image is on the screen over it; RGBA is blended."""
     left, top = at[0] + screen.shape[1] // 2, at[1] + screen.shape[0] // 2
     part = image[max(0, -top) :, max(0, -left) :]

@@ -37,7 +37,7 @@ from protocols.script import (
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import key_label
 from study_app.clips import read_frame
-from study_app.paint import Pixels, bitmaps_of, drawn
+from study_app.paint import PixelBytes, bitmaps_of, drawn
 from study_app.shown_texts import require_showable, shown_texts
 
 MARK: Final = '<meta name="generator" content="metamerlab protocol preview">'
@@ -338,7 +338,7 @@ class _Maker:
         _, data = cv2.imencode(".webp", strip, [cv2.IMWRITE_WEBP_QUALITY, 80])
         return {"strip": _address("image/webp", bytes(data)), "frames": frames}
 
-    def _page(self, image: Pixels) -> str:
+    def _page(self, image: PixelBytes) -> str:
         """Return a page's address: letters on the screen's grey, at the stage's size."""
         alpha = image[..., 3:].astype(np.float32) / 255
         grey = (image[..., :1] * alpha + self.grey * (1 - alpha)).astype(np.uint8)
@@ -352,7 +352,7 @@ class _Maker:
         return {name: round(value * self._scale, 2) for name, value in named}
 
 
-def _png(image: Pixels) -> str:
+def _png(image: PixelBytes) -> str:
     """Return grey, or straight RGBA, as an address."""
     stored = cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA) if image.ndim == 3 else image
     _, data = cv2.imencode(".png", stored, [cv2.IMWRITE_PNG_COMPRESSION, 9])

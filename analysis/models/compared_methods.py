@@ -34,7 +34,7 @@ class Comparisons:
         self.decisions = rows = as_numbers(decisions)
         first, second = (rows[side].cat.codes.to_numpy(np.int64) for side in ("first", "second"))
         self._place = {name: code for code, name in enumerate(rows["first"].cat.categories)}
-        size, self.sizes = numbered(rows["size"])
+        size, self.sizes = numbered_names(rows["size"])
         self._sizes = {name: code for code, name in enumerate(self.sizes)}
         pair = np.minimum(first, second) * len(self._place) + np.maximum(first, second)
         self._by_pair = _positions(pair)
@@ -79,15 +79,15 @@ def cell_counts(
     decisions: pd.DataFrame, picked: Floats
 ) -> tuple[Floats, Floats, tuple[str, ...], tuple[str, ...]]:
     """Sum `picked` (decisions,) per participant and scene, and count decisions; as `counts`."""
-    person, people = numbered(decisions["participant"])
-    scene, scenes = numbered(decisions["scene"])
+    person, people = numbered_names(decisions["participant"])
+    scene, scenes = numbered_names(decisions["scene"])
     place, shape = person * len(scenes) + scene, (len(people), len(scenes))
     shown = np.bincount(place, minlength=shape[0] * shape[1]).astype(np.float64)
     chosen = np.bincount(place, weights=picked, minlength=shown.size).astype(np.float64)
     return chosen.reshape(shape), shown.reshape(shape), people, scenes
 
 
-def numbered(column: pd.Series) -> tuple[Ints, tuple[str, ...]]:
+def numbered_names(column: pd.Series) -> tuple[Ints, tuple[str, ...]]:
     """Return the number of each row's name, and the names that occur, in sorted order."""
     if isinstance(column.dtype, pd.CategoricalDtype):
         codes, names = column.cat.codes.to_numpy(dtype=np.int64), column.cat.categories

@@ -24,9 +24,9 @@ from analysis.models.mixed.glmm import (
 from analysis.models.mixed.inference import USUAL, Draws, Inference
 from analysis.models.mixed.logit import (
     cluster_covariance,
+    firth_limits,
     fit_logit,
     likelihood_ratio_p,
-    profile_limits,
     separated,
 )
 from analysis.models.numeric import two_sided_p, two_sided_quantile
@@ -487,7 +487,7 @@ def _firth(model: FormulaDesign, level: float) -> ModelFit:
     limits = [
         (row.lower, row.upper) if moved else tuple(ends * factor)
         for row, moved, ends, factor in zip(
-            table, shifted, profile_limits(*counted, level), np.diag(back), strict=True
+            table, shifted, firth_limits(*counted, level), np.diag(back), strict=True
         )
     ]
     fit = ModelFit(

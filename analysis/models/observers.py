@@ -9,10 +9,10 @@ from analysis.arrays import Floats
 from analysis.models.numeric import ROUNDING
 from analysis.models.paired.paired_counts import (
     JOD_SIGMA,
+    choice_share,
     fit_scores,
     log_probability,
     pair_index,
-    probability,
 )
 
 TAIL_DF = 4.0
@@ -104,7 +104,7 @@ def check_observers(
 
     def simulated(spread: float, scores: Floats) -> tuple[Floats, Floats]:
         personal = scores + spread * _tastes(rng, (studies, count, conditions))
-        share = probability(personal[..., first] - personal[..., second])
+        share = choice_share(personal[..., first] - personal[..., second])
         clean = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
         return _judged(clean, shown, conditions)
 
@@ -188,7 +188,7 @@ def _matched_spread(
     seen = []
     for spread in SPREADS:
         own = widened(spread) + spread * drawn
-        share = probability(own[..., first] - own[..., second])
+        share = choice_share(own[..., first] - own[..., second])
         clean = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
         sums = clean.sum(axis=1)
         fitted = fit_scores(sums, total_shown - sums, conditions, tolerance=1e-5)
@@ -207,7 +207,7 @@ def _excess(won: Floats, shown: Floats, scores: Floats) -> Floats:
     first, second = pair_index(scores.shape[-1])
     difference = scores[..., first] - scores[..., second]
     step = 1e-4
-    slope = (probability(difference + step) - probability(difference - step)) / (2.0 * step)
+    slope = (choice_share(difference + step) - choice_share(difference - step)) / (2.0 * step)
     count = won.shape[-2]
     share = won.sum(axis=-2) / np.maximum(shown.sum(axis=0), 1.0)
     expected = shown * share[..., None, :]

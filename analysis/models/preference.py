@@ -22,7 +22,7 @@ from analysis.showable import two_scenes
 from protocols.errors import count_of
 
 Test = Literal["participant-scene", "participant", "pooled"]
-Correction = Literal["holm", "none"]
+Adjustment = Literal["holm", "none"]
 Verdict = Literal["preferred", "rejected", "equivalent", "undecided"]
 
 FEW_PARTICIPANTS = 6
@@ -239,7 +239,7 @@ def preferences(
     alpha: float = 0.05,
     margin: float = 0.1,
     test: Test = "participant-scene",
-    correction: Correction = "holm",
+    correction: Adjustment = "holm",
 ) -> PreferenceTable:
     """Test every pairing at every size against chance.
 

@@ -131,7 +131,7 @@ def scale(wins: Floats, conditions: Sequence[str]) -> Scale:
     )
 
 
-def contrasts(wins: Floats, conditions: Sequence[str]) -> tuple[Contrast, ...]:
+def equal_scores(wins: Floats, conditions: Sequence[str]) -> tuple[Contrast, ...]:
     """Test every two conditions for equal scores by likelihood ratio, one degree of freedom.
 
     `wins` (k, k) and `conditions` are as for `scale`, and so is what it raises.

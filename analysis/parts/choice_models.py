@@ -17,7 +17,7 @@ from analysis.models.paired.bradley_terry_mixed import PairedContrast, PairedMod
 from analysis.models.preference import Preference
 from analysis.parts import Part, PartNumbers, Presentation, tried
 from analysis.parts.preferences import PreferenceResults
-from analysis.parts.shared import GroupedRow, adjusted, rows_of, sd_text
+from analysis.parts.shared import GroupedRow, adjusted, group_rows, sd_text
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.repeat import scripts
 from analysis.report.result_table import ResultColumn, ResultTable, attribute, p_value
@@ -174,7 +174,7 @@ def _pairs(found: ChoiceModels, plan: PreferencePlan) -> ResultTable[PairRow]:
 
     return ResultTable.of(
         "Logit mixed models: crossed random intercepts, order of presentation as covariate",
-        rows_of((one, one.fit.coefficients) for one in found.pairs),
+        group_rows((one, one.fit.coefficients) for one in found.pairs),
         ResultColumn(
             "Comparison",
             "l c",
@@ -204,7 +204,7 @@ def _pairs(found: ChoiceModels, plan: PreferencePlan) -> ResultTable[PairRow]:
 def _together(found: ChoiceModels, plan: PreferencePlan) -> ResultTable[TogetherRow]:
     return ResultTable.of(
         "One mixed model of all pairings: each participant and scene has own tastes of the methods",
-        rows_of((one, one.model.contrasts) for one in found.together),
+        group_rows((one, one.model.contrasts) for one in found.together),
         ResultColumn(
             "Comparison",
             "l c",

@@ -76,7 +76,7 @@ TESTS = {
 }
 """Tests of a protocol: what a table calls them, and what they are."""
 
-Shares: TypeAlias = Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
+PairingShares: TypeAlias = Mapping[tuple[str, str, str], tuple[tuple[str, float], ...]]
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,8 @@ class PreferenceResults:
 
     primary: Preference | None
     table: PreferenceTable
-    participant_shares: Shares
-    scene_shares: Shares
+    participant_shares: PairingShares
+    scene_shares: PairingShares
     notes: tuple[str, ...]
 
 
@@ -237,7 +237,7 @@ def _estimate(cell: Preference, plan: PreferencePlan) -> Estimate:
     )
 
 
-def _shares_by(summed: int, decisions: Comparisons, table: PreferenceTable) -> Shares:
+def _shares_by(summed: int, decisions: Comparisons, table: PreferenceTable) -> PairingShares:
     """Return shares of participants (axis 1 of the counts is summed) or of scenes (axis 0)."""
     found = {}
     for one in table.cells:
@@ -417,7 +417,7 @@ def _figures(found: PreferenceResults, plan: PreferencePlan) -> Iterator[PartFig
     yield _heat_map("scenes", found.scene_shares, plan)
 
 
-def _heat_map(name: str, shares: Shares, plan: PreferencePlan) -> PartFigure:
+def _heat_map(name: str, shares: PairingShares, plan: PreferencePlan) -> PartFigure:
     below = "\n{}"
     return shares_figure(
         name,

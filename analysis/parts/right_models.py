@@ -24,9 +24,9 @@ from analysis.parts.margins import (
 from analysis.parts.shared import (
     GroupedRow,
     bootstrapped,
+    group_rows,
     law_of_mixed,
     pairs_in,
-    rows_of,
     sd_text,
 )
 from analysis.plans.rate_plan import RatePlan, baseline_in, shown_in
@@ -168,7 +168,7 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
 def _terms(found: RightModels) -> ResultTable[GroupedRow[tuple[str, ModelFit], Coefficient]]:
     return ResultTable.of(
         f"Logistic models of right answers, {found.independent.formula}",
-        rows_of((one, one[1].coefficients) for one in found.fits),
+        group_rows((one, one[1].coefficients) for one in found.fits),
         ResultColumn(
             "Errors",
             "l",

@@ -12,7 +12,7 @@ import pandas as pd
 from analysis import SEED
 from analysis.arrays import Floats
 from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
-from analysis.models.compared_methods import as_numbers, numbered
+from analysis.models.compared_methods import as_numbers, numbered_names
 from analysis.models.consistency import (
     Agreement,
     Transitivity,
@@ -24,7 +24,7 @@ from analysis.models.consistency import (
 )
 from analysis.models.observers import ObserverCheck, check_observers
 from analysis.models.paired.order_effect import OrderEffect, order_effect
-from analysis.models.scaling import Contrast, Scale, contrasts, scale
+from analysis.models.scaling import Contrast, Scale, equal_scores, scale
 from analysis.parts import PartFigure, Presentation, SimplePart, tried
 from analysis.parts.shared import adjusted
 from analysis.plans.preference_plan import PreferencePlan
@@ -200,8 +200,8 @@ def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
 
 def ordered_votes(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
     """Count votes (participants, scenes, 2, k, k) for i, shown first or second, over j."""
-    person, people = numbered(decisions["participant"])
-    scene, scenes = numbered(decisions["scene"])
+    person, people = numbered_names(decisions["participant"])
+    scene, scenes = numbered_names(decisions["scene"])
     place = {name: index for index, name in enumerate(methods)}
     won = decisions["chosen"].map(place).to_numpy(dtype=np.int64)
     lost = decisions["rejected"].map(place).to_numpy(dtype=np.int64)
@@ -260,7 +260,9 @@ def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> Siz
         size=size,
         scale=fitted,
         intervals=intervals,
-        contrasts=tuple(_clustered(one, methods, intervals) for one in contrasts(total, methods)),
+        contrasts=tuple(
+            _clustered(one, methods, intervals) for one in equal_scores(total, methods)
+        ),
         triads=tuple((name, circular_triads(one)) for name, one in triads),
         agreement=agreed,
         transitivity=transitivity(total),

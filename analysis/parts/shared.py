@@ -128,7 +128,7 @@ class GroupedRow(Generic[G, T]):
     first: bool
 
 
-def rows_of(groups: Iterable[tuple[G, Sequence[T]]]) -> list[GroupedRow[G, T]]:
+def group_rows(groups: Iterable[tuple[G, Sequence[T]]]) -> list[GroupedRow[G, T]]:
     """Return the rows of a table of groups."""
     return [
         GroupedRow(group, one, one is several[0]) for group, several in groups for one in several

@@ -30,7 +30,7 @@ from protocols.errors import must_be_one_of
 from protocols.outside import reading
 
 Kind = Literal["moments", "rgb"]
-Picture = NDArray[np.float32]
+Colour = NDArray[np.float32]
 
 VALUES = 5
 """Of a level, in ``maps``: deviations of three bands, Cb and Cr."""
@@ -158,7 +158,7 @@ class DenoisingNetwork:
             seen.own.base + base[:height, :width], seen.own.packed() + blocks
         )
 
-    def colour(self, noisy: NDArray[np.floating], pools: Pools) -> Picture:
+    def colour(self, noisy: NDArray[np.floating], pools: Pools) -> Colour:
         """Predict the clean picture itself: (H, W, 3) in [0, 1]. See `moments`."""
         self._need("rgb")
         height, width = noisy.shape[:2]
@@ -171,7 +171,7 @@ class DenoisingNetwork:
                 f"{self.path}: must be a network for {kind} (it is one for {self.facts.kind})"
             )
 
-    def _run(self, seen: NetworkInput) -> list[Picture]:
+    def _run(self, seen: NetworkInput) -> list[Colour]:
         height, width = seen.planes.shape[2:]
         try:
             found = self._session.run(self._gives, {self._takes: seen.planes})
@@ -207,7 +207,7 @@ class NetworkInput:
         Of the noisy picture.
     """
 
-    planes: Picture
+    planes: Colour
     own: MomentMaps
 
 

@@ -15,7 +15,7 @@ from pipeline.errors import InputError
 from pipeline.foveation import displacement, enhancement, reference
 from pipeline.foveation.displacement import DisplacementSettings
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.picture_fixation import Picture, PictureFixation
+from pipeline.foveation.picture_fixation import Colour, PictureFixation
 from pipeline.foveation.pooling import (
     CONSTANTS,
     Chroma,
@@ -51,7 +51,7 @@ class Condition(Protocol):
         """Width of the eye's pools; None where it plays no part."""
         ...
 
-    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+    def apply(self, picture: Colour, fixation: PictureFixation) -> Colour:
         """Return the picture that is shown: (H, W, 3), float32 in [0, 1]."""
         ...
 
@@ -87,7 +87,7 @@ class NumpyCondition:
 class Reference(NumpyCondition):
     """The picture itself."""
 
-    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:  # noqa: ARG002
+    def apply(self, picture: Colour, fixation: PictureFixation) -> Colour:  # noqa: ARG002
         return picture.copy()
 
 
@@ -124,7 +124,7 @@ class Blur(PooledCondition):
 
         return BlurPass(ctx, geometry, self.pooling)
 
-    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+    def apply(self, picture: Colour, fixation: PictureFixation) -> Colour:
         return reference.blur(picture, fixation.pools(self.pooling))
 
 
@@ -152,7 +152,7 @@ class Metamer(PooledCondition):
             return None
         return MetamerPass(ctx, geometry, self.settings, seed=seed)
 
-    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+    def apply(self, picture: Colour, fixation: PictureFixation) -> Colour:
         return reference.metamer(
             picture,
             fixation.pools(self.pooling),
@@ -181,7 +181,7 @@ class NoiseEnhanced(_Enhanced):
 
     most_strength = 16
 
-    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+    def apply(self, picture: Colour, fixation: PictureFixation) -> Colour:
         return enhancement.noise_enhanced(
             picture, fixation.pools(self.pooling), fixation.seed, strength=self.strength
         )
@@ -192,7 +192,7 @@ class ContrastEnhanced(_Enhanced):
 
     most_strength = 2
 
-    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+    def apply(self, picture: Colour, fixation: PictureFixation) -> Colour:
         return enhancement.contrast_enhanced(
             picture, fixation.pools(self.pooling), strength=self.strength
         )
@@ -211,7 +211,7 @@ class _Displaced(PooledCondition):
 
         return DisplacementPass(ctx, geometry, self.settings, match=self.match, seed=seed)
 
-    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+    def apply(self, picture: Colour, fixation: PictureFixation) -> Colour:
         show = displacement.warped_metamer if self.match else displacement.eidolon
         return show(
             picture,
@@ -292,7 +292,7 @@ class FilesOnDisk(NumpyCondition):
                 f"{path}: must hold pictures named 000000.png, 000001.png, ... (has none)"
             )
 
-    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+    def apply(self, picture: Colour, fixation: PictureFixation) -> Colour:
         file = self._files.get(fixation.frame)
         if file is None:
             raise InputError(

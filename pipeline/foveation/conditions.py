@@ -17,7 +17,7 @@ from pipeline.foveation.catalogue import Condition
 from pipeline.foveation.geometry import Flat, Geometry, Viewing
 from pipeline.foveation.panorama import by_charts
 from pipeline.foveation.picture_fixation import (
-    Picture,
+    Colour,
     PictureFixation,
     check_held,
     check_picture_size,
@@ -134,7 +134,7 @@ def foveate(
     field_gaze_px: tuple[float, float] | None = None,
     ctx: moderngl.Context | None = None,
     **parameters: Any,
-) -> Picture:
+) -> Colour:
     """Show a picture to an eye that looks at `gaze_px`.
 
     Parameters
@@ -229,7 +229,7 @@ class Foveator:
         self.geometry: Geometry = (viewing or Flat()).of(width, height)
         self.condition = create_condition(method, parameters)
         self._holds = False
-        self._image: Picture | NDArray[np.uint8] | None = None  # for numpy
+        self._image: Colour | NDArray[np.uint8] | None = None  # for numpy
         self.passes: FoveationPass | None = None
         if ctx is not None:
             self.passes = self._passes(ctx, seed)
@@ -243,7 +243,7 @@ class Foveator:
         frame: int = 0,
         noise_shift_px: NDArray[np.floating] | None = None,
         field_gaze_px: tuple[float, float] | None = None,
-    ) -> Picture:
+    ) -> Colour:
         """Show one picture; see `foveate`."""
         self._hold(float_picture(picture))
         return self.show(
@@ -279,7 +279,7 @@ class Foveator:
         noise_shift_px: NDArray[np.floating] | None = None,
         field_gaze_px: tuple[float, float] | None = None,
         last: bool = False,
-    ) -> Picture:
+    ) -> Colour:
         """Show the picture that is held, bit for bit as a call with it would; see `foveate`.
 
         The `last` time, all that is held on the GPU is freed before the picture is read back.
@@ -305,7 +305,7 @@ class Foveator:
             return by_charts(self.condition, image, fixation)
         return self.condition.apply(image, fixation)
 
-    def _hold(self, image: Picture | NDArray[np.uint8]) -> None:
+    def _hold(self, image: Colour | NDArray[np.uint8]) -> None:
         size = (self.geometry.height_px, self.geometry.width_px)
         if image.shape[:2] != size:
             raise InputError(

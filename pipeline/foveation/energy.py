@@ -34,7 +34,7 @@ from pipeline.features.reference import check_levels, fitted_kernels
 from pipeline.foveation.catalogue import Metamer, PooledCondition
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.panorama import by_charts
-from pipeline.foveation.picture_fixation import Picture, PictureFixation
+from pipeline.foveation.picture_fixation import Colour, PictureFixation
 from pipeline.foveation.pooling import LAWS, PoolingParameters, Pools
 from pipeline.foveation.reference import blurred, finished
 from pipeline.frame import Floats
@@ -44,7 +44,7 @@ from protocols.errors import must_be_one_of
 from protocols.outside import reading
 
 Tensor = Any  # torch may be absent
-Progress = Callable[[int, int, float], None]
+EnergyProgress = Callable[[int, int, float], None]
 """Called with steps done, steps in all, and the loss over the loss of the blur."""
 
 STARTS = ("metamer", "noise")
@@ -94,17 +94,17 @@ class EnergyMetamer(PooledCondition):
                 f"energy-metamer needs torch, which is not installed here; {INSTALL}"
             )
 
-    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+    def apply(self, picture: Colour, fixation: PictureFixation) -> Colour:
         return self.descend(picture, fixation)
 
     def descend(
         self,
-        picture: Picture,
+        picture: Colour,
         fixation: PictureFixation,
         *,
         state: Path | None = None,
-        progress: Progress | None = None,
-    ) -> Picture:
+        progress: EnergyProgress | None = None,
+    ) -> Colour:
         """Find the metamer of one fixation, or go on where `state` ends.
 
         Parameters
@@ -166,7 +166,7 @@ class EnergyMetamer(PooledCondition):
                 progress(step + 1, self.steps, float(loss.detach()) / scale)
         return finished(picture, _array(pixels).astype(np.float64), pools)
 
-    def loss(self, picture: Picture, shown: Picture, fixation: PictureFixation) -> float:
+    def loss(self, picture: Colour, shown: Colour, fixation: PictureFixation) -> float:
         """Distance of `shown` from `picture`, over the distance of the blur of equal pooling."""
         import torch
 
@@ -185,7 +185,7 @@ class EnergyMetamer(PooledCondition):
         return ours / max(1e-12, base)
 
     def _first(
-        self, picture: Picture, fixation: PictureFixation, base: NDArray[np.float32]
+        self, picture: Colour, fixation: PictureFixation, base: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         if self.start == "metamer":
             law = self.pooling.law
@@ -197,7 +197,7 @@ class EnergyMetamer(PooledCondition):
         noise = white_noise(fixation.seed, picture.shape[:2], 1, Stream.START)
         return np.clip(base + START_NOISE * noise.astype(np.float32), 0, 1)
 
-    def _key(self, picture: Picture, fixation: PictureFixation) -> str:
+    def _key(self, picture: Colour, fixation: PictureFixation) -> str:
         """Hash all that decides the result."""
         parts = {
             "picture": hashlib.sha256(np.ascontiguousarray(picture).tobytes()).hexdigest(),

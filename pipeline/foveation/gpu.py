@@ -18,7 +18,7 @@ from pipeline.foveation.chain import chain_length
 from pipeline.foveation.chain_gpu import MomentChainPass, given
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
-from pipeline.foveation.picture_fixation import Picture, PictureFixation
+from pipeline.foveation.picture_fixation import Colour, PictureFixation
 from pipeline.foveation.picture_pass import (
     PicturePass,
     PoolUniforms,
@@ -154,7 +154,7 @@ class FoveationPass(PicturePass):
         self.hold(source)
         self.show(target, gaze_px, **fixation)
 
-    def upload(self, picture: Picture | NDArray[np.uint8]) -> None:
+    def upload(self, picture: Colour | NDArray[np.uint8]) -> None:
         """Hold a picture (H, W, 3) without a texture of the caller's."""
         name = "rgba8" if picture.dtype == np.uint8 else "rgba32f"
         source = self._ends.get(name)
@@ -163,7 +163,7 @@ class FoveationPass(PicturePass):
         upload(source, np.pad(picture, ((0, 0), (0, 0), (0, 1)), constant_values=OPAQUE[name]))
         self.hold(source)
 
-    def shown(self, fixation: PictureFixation, *, last: bool = False) -> Picture:
+    def shown(self, fixation: PictureFixation, *, last: bool = False) -> Colour:
         """Show what is held, and read it back; the `last` time, all is freed as soon as it can."""
         self.set_seed(fixation.seed, carried=fixation.noise_shift_px is not None)
         shift = None
@@ -197,7 +197,7 @@ class FoveationPass(PicturePass):
             let_go(self._ctx)
         return found
 
-    def apply(self, picture: Picture, fixation: PictureFixation) -> Picture:
+    def apply(self, picture: Colour, fixation: PictureFixation) -> Colour:
         """Upload, work, read back: for callers without textures."""
         self.upload(picture)
         return self.shown(fixation)

@@ -24,7 +24,7 @@ from pipeline.foveation.geometry import (
     Geometry,
     pixel_centres,
 )
-from pipeline.foveation.picture_fixation import Picture, PictureFixation
+from pipeline.foveation.picture_fixation import Colour, PictureFixation
 from pipeline.foveation.sphere import BELT_DEG, cap_shares
 from pipeline.frame import Floats
 
@@ -47,7 +47,7 @@ def capped_rows(geometry: Geometry, *, upper: bool) -> slice:
     return slice(0, count) if upper else slice(geometry.height_px - count, geometry.height_px)
 
 
-def by_charts(condition: Condition, picture: Picture, fixation: PictureFixation) -> Picture:
+def by_charts(condition: Condition, picture: Colour, fixation: PictureFixation) -> Colour:
     """Show a whole panorama to a gaze, by a condition that pools."""
     geometry = fixation.geometry
     x, y = pixel_centres(geometry)
@@ -65,7 +65,7 @@ def by_charts(condition: Condition, picture: Picture, fixation: PictureFixation)
     return np.where(fade > 0, np.clip(whole, 0, 1).astype(np.float32), picture)
 
 
-def cap_picture(picture: Picture, cap: CapGeometry) -> Picture:
+def cap_picture(picture: Colour, cap: CapGeometry) -> Colour:
     """Picture around a pole of a panorama, cubic between its pixels: (edge, edge, 3)."""
     found = seen_in(picture, cap.directions(*pixel_centres(cap)))
     return np.clip(found, 0, 1).astype(np.float32)

@@ -14,7 +14,7 @@ from pipeline.foveation.geometry import Geometry, check_edges, check_gaze
 from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.pooling import Pooling, Pools
 
-Picture = NDArray[np.float32]
+Colour = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class PictureFixation:
         return Pools(self.geometry, self.field_gaze_px or self.gaze_px, pooling)
 
 
-def float_picture(picture: NDArray[np.floating]) -> Picture:
+def float_picture(picture: NDArray[np.floating]) -> Colour:
     """Return a picture as float32.
 
     Raises
@@ -97,7 +97,7 @@ def float_picture(picture: NDArray[np.floating]) -> Picture:
     return np.ascontiguousarray(array, np.float32)
 
 
-def check_held(picture: NDArray[Any]) -> Picture | NDArray[np.uint8]:
+def check_held(picture: NDArray[Any]) -> Colour | NDArray[np.uint8]:
     """Return a picture (H, W, 3) of 8 bits as it is, any other as `float_picture` does."""
     array = np.asarray(picture)
     if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:

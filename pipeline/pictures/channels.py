@@ -175,7 +175,7 @@ class _Fit:
     style: MotionStyle | None = None
 
 
-def find(
+def channel_value(
     path: Path, planes: Planes, key: str, given: str | None = None, *, layer: Layer | None = None
 ) -> NDArray[np.float32] | None:
     """Return the values of `key` of `KNOWN` in a file, in our unit; None if it is not there.
@@ -218,14 +218,14 @@ def need(
     layer: Layer | None = None,
     cure: str = "",
 ) -> NDArray[np.float32]:
-    """Return the result of `find`.
+    """Return the result of `channel_value`.
 
     Raises
     ------
     InputError
         If it is not there, or several channels fit; `cure` ends the first message.
     """
-    found = find(path, planes, key, given, layer=layer)
+    found = channel_value(path, planes, key, given, layer=layer)
     if found is None:
         wanted = given or " or ".join(readable(known.pattern) for known in KNOWN[key])
         raise InputError(

@@ -153,7 +153,7 @@ def save_colour(path: str | Path, colour: NDArray[np.float32], *, bits: int | No
     write_pixels(path, steps, ("R", "G", "B"))
 
 
-def check_finite(path: Path, colour: NDArray[Any]) -> None:
+def check_finite_light(path: Path, colour: NDArray[Any]) -> None:
     """Refuse colour, shape (H, W, C), that is infinite or no number.
 
     Raises
@@ -173,7 +173,7 @@ def encoded_light(
     path: Path, data: NDArray[np.floating], transfer: Transfer, clip: bool
 ) -> NDArray[np.float32]:
     data = data.astype(np.float32)
-    check_finite(path, data)
+    check_finite_light(path, data)
     beyond = np.maximum(-data, data - 1).max(axis=-1)
     outside = int((beyond > 0).sum())
     if outside and not clip:
@@ -396,7 +396,7 @@ def _shown(
     options: bool,
 ) -> NDArray[np.float32]:
     """Encode light, or take floats that are encoded as they are."""
-    check_finite(path, stored)
+    check_finite_light(path, stored)
     if encoded and reading.stops != 0:
         raise InputError(f"{path}: stops are for light (this file holds encoded colour)")
     light = stored.astype(np.float64) * 2.0**reading.stops

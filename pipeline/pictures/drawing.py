@@ -182,7 +182,7 @@ class Crop(NamedTuple):
         return picture[self.y : self.y + self.height, self.x : self.x + self.width]
 
 
-def difference(pictures: Sequence[Picture]) -> Floats:
+def mean_difference(pictures: Sequence[Picture]) -> Floats:
     """Return the distance of pictures, shape (H, W): the mean over pairs, of encoded levels."""
     pairs = list(combinations([picture.astype(np.float64) for picture in pictures], 2))
     if not pairs:

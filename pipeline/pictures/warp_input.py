@@ -30,8 +30,8 @@ from pipeline.frame import (
 )
 from pipeline.pictures.channels import (
     Channels,
+    channel_value,
     depth_layer,
-    find,
     light_of,
     naming_options,
     need,
@@ -117,7 +117,7 @@ def load_warp_input(
     cure = naming_options("motion_x", "motion_y")
     flow_px = need_motion(path, planes, told_motion, layer=layer, cure=cure).flow_px
     check_flow(flow_px, f"{path}: flow")
-    target_m = find(path, planes, "target_depth", told_name(planes, told.target_depth))
+    target_m = channel_value(path, planes, "target_depth", told_name(planes, told.target_depth))
     if target_m is not None:
         check_depth(target_m, f"{path}: depth", cure=NO_DEPTH)
     return WarpInput(SourceFrame(colour, depth_m), flow_px, target_m)

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from pipeline.errors import InputError
 
-Verdict = Literal["honoured", "refused", "noted"]
+Treatment = Literal["honoured", "refused", "noted"]
 Use = Literal["colour", "numbers"]
 Judge = Callable[[Any, Mapping[str, Any]], str | None]
 
@@ -44,7 +44,7 @@ class Row:
 
     of: str
     names: str
-    verdict: Verdict
+    verdict: Treatment
     words: str = ""
     judge: Judge | None = None
     use: Sequence[Use] = ("colour", "numbers")

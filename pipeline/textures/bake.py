@@ -119,8 +119,8 @@ class Plane:
         return self.size[0] * self.row_bytes
 
 
-Rows = NDArray[np.uint8] | NDArray[np.float16]
-Put = Callable[[int | None, int, int, Rows], None]
+BakedRows = NDArray[np.uint8] | NDArray[np.float16]
+Put = Callable[[int | None, int, int, BakedRows], None]
 """Takes rows of a plane: its level (None: colour), its halvings, the first row's number."""
 
 STRIP_TEXELS = 1 << 18
@@ -205,7 +205,7 @@ class Cascade:
             if found is not None:
                 self._moment(level, halvings + 1, found, last=last)
 
-    def _give(self, level: int | None, halvings: int, rows: Rows) -> None:
+    def _give(self, level: int | None, halvings: int, rows: BakedRows) -> None:
         at = self._at.get((level, halvings), 0)
         self._put(level, halvings, at, rows)
         self._at[level, halvings] = at + len(rows)
@@ -262,7 +262,7 @@ def bake(texture: NDArray[np.uint8], *, wraps: bool = False) -> BakedTexture:
         for plane in layout.planes()
     }
 
-    def put(level: int | None, halvings: int, at: int, rows: Rows) -> None:
+    def put(level: int | None, halvings: int, at: int, rows: BakedRows) -> None:
         held[level, halvings][at : at + len(rows)] = rows
 
     bake_rows(layout, strips(texture), put)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.textures.bake import BakedTexture, Layout, Plane, Rows, bake_rows, baked_of
+from pipeline.textures.bake import BakedRows, BakedTexture, Layout, Plane, bake_rows, baked_of
 
 ENDING = ".moments"
 MAGIC = b"MMLT"
@@ -38,7 +38,7 @@ def write_baked(file: BinaryIO, layout: Layout, parts: Iterable[NDArray[np.uint8
     checks = dict.fromkeys(planes, 0)
     start = head_bytes(layout)
 
-    def put(level: int | None, halvings: int, at: int, rows: Rows) -> None:
+    def put(level: int | None, halvings: int, at: int, rows: BakedRows) -> None:
         plane = planes[level, halvings]
         data = np.ascontiguousarray(rows, plane.dtype).tobytes()
         file.seek(start + plane.at + at * plane.row_bytes)

@@ -17,7 +17,7 @@ from pipeline.frame import Bools
 from pipeline.textures.bake import Layout
 from pipeline.textures.reference import Fragments
 
-Key = tuple[int | None, int]
+PlaneKey = tuple[int | None, int]
 """Level (None: colour) and halvings of a plane."""
 
 COLOUR_BYTES = 4
@@ -30,7 +30,7 @@ _CHUNK = 1 << 21  # fragments at a time
 class TextureFootprint:
     """Texels that a picture reads: a mask (h, w) for each plane of which it reads anything."""
 
-    masks: Mapping[Key, Bools]
+    masks: Mapping[PlaneKey, Bools]
 
     def bytes_of_texels(self, moment_bytes: int) -> int:
         """Bytes read, with so many bytes of moments a level and texel."""
@@ -65,7 +65,7 @@ def touched(layout: Layout, fragments: Fragments, *, noise: bool) -> TextureFoot
         for value in np.unique(first).tolist():
             chosen = first == value
             _mark(by_first.setdefault(value, {}), layout, place[part][chosen], lod[chosen])
-    masks: dict[Key, Bools] = {}
+    masks: dict[PlaneKey, Bools] = {}
     for value, found in by_first.items():
         for r, mask in found.items():
             levels = range(value, r) if noise else ()
@@ -119,7 +119,7 @@ def _folded(framed: Bools, *, wraps: bool) -> Bools:
     return framed[1:-1, 1:-1]
 
 
-def _texel_bytes(key: Key, moment_bytes: int) -> int:
+def _texel_bytes(key: PlaneKey, moment_bytes: int) -> int:
     return COLOUR_BYTES if key[0] is None else moment_bytes
 
 

@@ -22,7 +22,7 @@ from pipeline.noise.gains import LAGS, UNSEEN_VARIANCE
 from pipeline.noise.tile import NoiseBands, look_up, midway, split, unit, white_steps
 from pipeline.textures.bake import Layout
 
-Bytes = NDArray[np.int8]
+SignedBytes = NDArray[np.int8]
 
 TILE = 256  # coefficients: beyond it noise repeats itself
 NOISE_PER_TEXEL = 2  # pixels of noise at a level's texel; a tile has two texels a pixel
@@ -41,7 +41,7 @@ class SurfaceNoise:
     in pixels of noise. `lag_correlation` (3, 4): of neighbouring texels.
     """
 
-    tiles: tuple[Bytes, ...]
+    tiles: tuple[SignedBytes, ...]
     tile_of_level: tuple[int, ...]
     offset_px: Ints
     lag_correlation: NDArray[np.float32]
@@ -90,7 +90,7 @@ def _period(columns: int) -> int:
     return max(edge for edge in range(1, TILE + 1) if columns % edge == 0)
 
 
-def _tile(seed: int, columns: int) -> Bytes:
+def _tile(seed: int, columns: int) -> SignedBytes:
     """Noise of a level, `TILE` rows of so many coefficients: (4 * TILE, 4 * columns, 3)."""
     # The second level of a pyramid, brought up once, and texels between: four a coefficient.
     copies = -(-8 // columns)  # filters reach farther than a tiny tile: it is repeated first

@@ -120,7 +120,7 @@ class TransportSettings:
         return around(0), around(1)
 
 
-Ints = NDArray[np.intp]
+Indices = NDArray[np.intp]
 
 S = TypeVar("S", bound=np.generic)
 
@@ -142,7 +142,7 @@ class TransportFill:
 
     colour: Floats  # (H, W, 3), in [0, 1]
     base: Floats  # (H, W, 3): push-pull's
-    shell: Ints  # (H, W): 0 where known, from 1 on in holes
+    shell: Indices  # (H, W): 0 where known, from 1 on in holes
     transported: Floats  # (H, W, 3): before the base is mixed in
 
 
@@ -185,7 +185,7 @@ def shells(
     guide: Floats,
     threshold: float,
     worked: Bools | None = None,
-) -> Ints:
+) -> Indices:
     """Number the hole pixels of each surface by their distance from its known pixels: (H, W).
 
     `LEFT_OUT` where they are not `worked` at; no way leads over these.
@@ -244,7 +244,7 @@ def structure_tensors(colour: Floats, hole: Bools, guide: Floats, threshold: flo
 
 
 def transported(
-    colour: Floats, tensor: Floats, shell: Ints, guide: Floats, threshold: float
+    colour: Floats, tensor: Floats, shell: Indices, guide: Floats, threshold: float
 ) -> Floats:
     """Carry colour and tensors inwards, shell by shell; unreached pixels keep what they have.
 
@@ -291,7 +291,7 @@ def coherence(tensor: Floats) -> Floats:
     return np.asarray(mu[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
-def near_around(colour: Floats, hole: Bools, pixels: Ints) -> tuple[Floats, Floats]:
+def near_around(colour: Floats, hole: Bools, pixels: Indices) -> tuple[Floats, Floats]:
     """Return all that is near hole pixels, (N, 2), at any depth, and the share that the fill takes.
 
     Returns
@@ -315,7 +315,7 @@ def near_around(colour: Floats, hole: Bools, pixels: Ints) -> tuple[Floats, Floa
     return mean / np.maximum(total, 1e-9)[:, None], share
 
 
-def across_px(hole: Bools, pixels: Ints) -> Ints:
+def across_px(hole: Bools, pixels: Indices) -> Indices:
     """Count the hole pixels in line through each of some, (N,): the fewer of row and column.
 
     At most `WIDE_PX`; beyond the frame's edge there are none.
@@ -336,9 +336,9 @@ def across_px(hole: Bools, pixels: Ints) -> Ints:
 
 
 def _pairs(
-    pixels: Ints, steps: tuple[tuple[int, int], ...] | list[tuple[int, int]], guide: Floats,
+    pixels: Indices, steps: tuple[tuple[int, int], ...] | list[tuple[int, int]], guide: Floats,
     threshold: float,
-) -> Iterator[tuple[Ints, Ints, tuple[int, int]]]:  # fmt: skip
+) -> Iterator[tuple[Indices, Indices, tuple[int, int]]]:  # fmt: skip
     """Yield for each step those of `pixels` that it leads to their own surface from, and where."""
     for step in steps:
         place = pixels + step

@@ -22,7 +22,7 @@ from protocols.errors import StudyError
 from protocols.feasibility import stated_times_s, timing_problems
 from protocols.make_script import Scripts
 from protocols.plan import rounds
-from protocols.script import Fill, Frames, Grey, Place, ScriptQuestion, Size, TrialScript
+from protocols.script import Fill, Frames, Grey, PixelSize, Place, ScriptQuestion, TrialScript
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import ClosingQuestion, Keys
 from protocols.tasks import base
@@ -273,7 +273,7 @@ class PictureFile(Model):
     file: Text
     """Name in the folder `pictures`."""
     sha256: Sha256
-    size_px: Size
+    size_px: PixelSize
 
 
 class ShownPicture(Model):
@@ -361,9 +361,9 @@ class WebStudy(Model):
     default_language: LanguageCode
     pages: dict[LanguageCode, WebPages]
     background: Grey
-    window_px: Size
+    window_px: PixelSize
     """Smallest part of the screen, about its middle, that shows all of a trial."""
-    screen_px: Size
+    screen_px: PixelSize
     """Size of the screen that the study was made for: a click answers by its share of the width."""
     design: WebDesign
     break_s: Annotated[float, Field(ge=0)]
@@ -374,7 +374,7 @@ class WebStudy(Model):
     continue_keys: Keys
     pause_keys: Keys
     quit_keys: Keys
-    stimulus_px: Size
+    stimulus_px: PixelSize
     stimuli: dict[str, Pack]
     """Stimuli by their names in the manifest."""
     pictures: dict[Sha256, PictureFile]

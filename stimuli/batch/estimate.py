@@ -43,7 +43,7 @@ def free_bytes(out: Path) -> int:
     return shutil.disk_usage(there).free
 
 
-def estimate(plan: BuildPlan, out: Path, workers: int) -> BuildEstimate:
+def estimated_build(plan: BuildPlan, out: Path, workers: int) -> BuildEstimate:
     """Make one frame of the first scene by every method, time it, and multiply.
 
     A renderer in software takes time in proportion to pixels, so there a smaller frame is made.

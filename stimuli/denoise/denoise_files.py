@@ -36,7 +36,7 @@ ENDINGS = (".png", ".exr")
 DENSITIES_ALIKE = 1.5
 """A picture with so many times the pixels per degree of the training pictures is remarked on."""
 
-Picture = NDArray[np.float32]
+Colour = NDArray[np.float32]
 
 
 def open_network(name: str) -> DenoisingNetwork:
@@ -81,7 +81,7 @@ class Denoiser:
             facts = network.facts
             self._passes = DenoisePass(ctx, geometry, facts.pooling, facts.levels)
 
-    def __call__(self, noisy: Picture, seed: int = 0) -> Picture:
+    def __call__(self, noisy: Colour, seed: int = 0) -> Colour:
         """The metamer of the predicted moments, or the predicted colour: (H, W, 3)."""
         check_seed(seed)
         if self._network.facts.kind == "rgb":
@@ -148,7 +148,7 @@ def denoise_file(
     reporter.note(_unlike_training(chosen.facts, looking.geometry))
     denoiser = Denoiser(chosen, looking.geometry, gaze_px, ctx)
     try:
-        denoised: Iterable[Picture] = (denoiser(noisy.colour, seed) for noisy in files)
+        denoised: Iterable[Colour] = (denoiser(noisy.colour, seed) for noisy in files)
         if compare is not None:  # of one picture
             denoised = list(denoised)
             rival = DenoisingNetwork(shipped_network("rgb"))

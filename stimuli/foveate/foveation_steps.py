@@ -29,7 +29,7 @@ from pipeline.foveation.pooled_moments import BLOCK_HALVINGS
 from pipeline.foveation.pooling import Pools
 from pipeline.pictures import drawing
 from stimuli.foveate.condition_sheet import ConditionPicture, draw_gaze, draw_pools, pooling_of
-from stimuli.media.frames_folder import Step, save_steps
+from stimuli.media.frames_folder import DrawnStep, save_steps
 
 
 def write_foveation_steps(
@@ -43,7 +43,7 @@ def write_foveation_steps(
 ) -> list[Path]:
     """Write every step as `save_steps` does, and return what it returns."""
     geometry = viewing.of(colour.shape[1], colour.shape[0])
-    steps: list[Step] = []
+    steps: list[DrawnStep] = []
     for one in seen:
         pools = Pools(geometry, gaze_px, pooling_of(one.choice))
         if not steps:
@@ -68,7 +68,7 @@ def write_foveation_steps(
     return save_steps(folder, steps, (colour.shape[0], colour.shape[1]))
 
 
-def _pool_steps(colour: NDArray[np.float32], pools: Pools) -> Iterator[Step]:
+def _pool_steps(colour: NDArray[np.float32], pools: Pools) -> Iterator[DrawnStep]:
     yield "picture", "picture", drawing.of_colour(colour)
     radius_px = max(4.0, min(colour.shape[:2]) / 80)
     rings, _ = draw_pools(drawing.of_colour(colour), pools.geometry, pools.gaze_px, pools.pooling)
@@ -100,7 +100,7 @@ def _pool_steps(colour: NDArray[np.float32], pools: Pools) -> Iterator[Step]:
 
 def condition_steps(
     condition: Condition, colour: NDArray[np.float32], pools: Pools, seed: int
-) -> Iterator[Step]:
+) -> Iterator[DrawnStep]:
     """The steps inside one condition; none where it has none."""
     if isinstance(condition, Metamer):
         yield from _metamer_steps(condition, colour, pools, seed)
@@ -113,7 +113,7 @@ def condition_steps(
 
 def _metamer_steps(
     condition: Metamer, colour: NDArray[np.float32], pools: Pools, seed: int
-) -> Iterator[Step]:
+) -> Iterator[DrawnStep]:
     settings = condition.settings
     parts = reference.metamer_parts(colour, pools, settings, seed)
     yield "base", "what pools keep: their means, and the residual", drawing.of_colour(parts.base)
@@ -141,7 +141,7 @@ def _metamer_steps(
 
 def _displaced_steps(
     condition: Eidolon | WarpedMetamer, colour: NDArray[np.float32], pools: Pools, seed: int
-) -> Iterator[Step]:
+) -> Iterator[DrawnStep]:
     settings = condition.settings
     offset = displacement.displacement_px(pools, settings, seed)
     longest = float(np.linalg.norm(offset, axis=-1).max())

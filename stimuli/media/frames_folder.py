@@ -17,11 +17,11 @@ from protocols.disk.locks import clear_folders, held, remove_files
 from protocols.disk.result_folder import whole_folder
 from protocols.disk.whole_file import PART, move, remove
 
-Step = tuple[str, str, Picture]  # file name without number and ending, label, picture
+DrawnStep = tuple[str, str, Picture]  # file name without number and ending, label, picture
 
 
 def save_steps(
-    folder: Path, steps: Sequence[Step], size: tuple[int, int], columns: int | None = None
+    folder: Path, steps: Sequence[DrawnStep], size: tuple[int, int], columns: int | None = None
 ) -> list[Path]:
     """Write numbered pictures of every step into `folder`, and ``sheet.png`` of them all.
 

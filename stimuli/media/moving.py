@@ -31,7 +31,7 @@ FRAME_MS = 100
 FLIP_MS = 600
 _QUALITY = 80  # of WebP
 
-Report = Callable[[int, int], None]
+OnFrame = Callable[[int, int], None]
 """Called with frames done and frames in all."""
 
 
@@ -100,7 +100,7 @@ def wander(
     *,
     seed: int = 0,
     longest_px: int = LONGEST_PX,
-    report: Report = lambda *_: None,
+    report: OnFrame = lambda *_: None,
 ) -> int:
     """Write a moving picture in which the gaze wanders; return its bytes.
 
@@ -122,7 +122,7 @@ def flip(
     *,
     seeds: tuple[int, int] = (0, 1),
     longest_px: int = 2 * LONGEST_PX,
-    report: Report = lambda *_: None,
+    report: OnFrame = lambda *_: None,
 ) -> int:
     """Write a moving picture that flips between two seeds; return its bytes.
 
@@ -138,7 +138,7 @@ def flip(
 
 
 def _drawn(
-    shown: AnimatedPicture, looks: Sequence[tuple[tuple[float, float], int, int]], report: Report
+    shown: AnimatedPicture, looks: Sequence[tuple[tuple[float, float], int, int]], report: OnFrame
 ) -> list[Picture]:
     """Draw a picture for each gaze, seed and number of a frame, with a mark at the gaze."""
     height, width = shown.colour.shape[:2]

@@ -76,10 +76,10 @@ class WarpedClipBuilder(Builder):
 
     def estimate(self, out: Path, workers: int) -> BuildEstimate:
         """Make one frame of the first scene by every method, and multiply."""
-        from stimuli.batch.estimate import estimate
+        from stimuli.batch.estimate import estimated_build
 
         self._need_all()
-        return estimate(self.plan, out, workers)
+        return estimated_build(self.plan, out, workers)
 
     def build(self, out: Path, where: BuildMachine, report: Report) -> BuildOutcome[ClipName]:
         """Build what is missing of the clips."""

@@ -28,7 +28,7 @@ CONTRASTS = (0.04, 0.08, 0.12, 0.16, 0.2)
 BLURS_PX = (0.0, 0.5, 1.0, 1.5, 2.0)
 SCENES = ("one", "two")
 
-Grey: TypeAlias = NDArray[np.float64]
+GreyPicture: TypeAlias = NDArray[np.float64]
 """Encoded grey around 0: black is -0.5, white 0.5."""
 
 
@@ -112,21 +112,21 @@ def example_files(task: str) -> dict[str, bytes]:
     return {"stimuli.csv": text.getvalue().encode()} | found
 
 
-def _texture(name: str, blur_px: float) -> Grey:
+def _texture(name: str, blur_px: float) -> GreyPicture:
     """Return noise of standard deviation 1 that belongs to a name and repeats at the edges."""
     rng = np.random.default_rng(int(sha256_bytes(name.encode())[:16], 16))
     noise = gaussian_filter(rng.normal(size=(EDGE_PX, EDGE_PX)), blur_px, mode="wrap")
     return np.asarray((noise - noise.mean()) / noise.std())
 
 
-def _window() -> Grey:
+def _window() -> GreyPicture:
     """Return a soft round window: 1 in the middle, 0 at the edges."""
     centre = (EDGE_PX - 1) / 2
     y, x = np.mgrid[:EDGE_PX, :EDGE_PX] - centre
     return np.asarray(np.clip((centre - np.hypot(x, y)) / (EDGE_PX / 8), 0, 1))
 
 
-def _stored(grey: Grey) -> NDArray[np.uint8]:
+def _stored(grey: GreyPicture) -> NDArray[np.uint8]:
     """Return grey around the middle, as the background of a study is, in three channels."""
     stored = np.clip(np.rint(255 * (grey + 0.5)), 0, 255).astype(np.uint8)
     return np.repeat(stored[..., None], 3, axis=-1)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from stimuli.scenes.mesh_features import NUMBERS, Notes, row_of, unsupported
 from stimuli.scenes.mesh_inputs import bytes_of_buffer, data_of_uri, file_of_name, is_data
-from stimuli.scenes.mesh_surface import Pixels, Shape, Surface, Wrap, decoded, shares
+from stimuli.scenes.mesh_surface import PixelBytes, Shape, Surface, Wrap, decoded, shares
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ class Document:
     def __init__(self, path: Path, read: dict[str, Any], notes: Notes) -> None:
         self.path, self.read, self.notes = path, read, notes
         self._buffers = [self._buffer(number) for number in range(len(read.get("buffers", [])))]
-        self._pictures: dict[int, Pixels] = {}
+        self._pictures: dict[int, PixelBytes] = {}
         self._surfaces: dict[int, tuple[Surface, _Placed]] = {}
 
     def shapes(self) -> Iterator[Shape]:
@@ -472,7 +472,7 @@ class Document:
         )
         return surface, where
 
-    def _texture(self, info: dict[str, Any] | None, what: str) -> tuple[Pixels | None, _Placed]:
+    def _texture(self, info: dict[str, Any] | None, what: str) -> tuple[PixelBytes | None, _Placed]:
         if info is None:
             return None, _Placed()
         texture = self._entry("textures", info["index"], what)

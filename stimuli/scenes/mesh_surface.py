@@ -17,11 +17,11 @@ from pipeline.pictures.size_limits import check_values
 from stimuli.rendering.world import Material
 from stimuli.scenes.mesh_features import Notes
 
-Pixels = NDArray[np.uint8]
+PixelBytes = NDArray[np.uint8]
 Wrap = Literal["repeat", "clamp", "mirror"]
 
 LARGEST_TEXTURE_PX = 8192
-_WHITE: Pixels = np.full((1, 1, 4), 255, np.uint8)
+_WHITE: PixelBytes = np.full((1, 1, 4), 255, np.uint8)
 _OPAQUE, _CLEAR = 247, 8
 """Alpha of 255 from which on a surface hides what is behind it, and below which it shows it."""
 _RIM_TEXELS = 2
@@ -54,8 +54,8 @@ class Surface:
     name: str
     colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
     alpha: float = 1.0
-    picture: Pixels | None = None
-    glow: Pixels | None = None
+    picture: PixelBytes | None = None
+    glow: PixelBytes | None = None
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mode: Literal["OPAQUE", "MASK", "BLEND"] = "OPAQUE"
     cutoff: float = 0.5
@@ -110,7 +110,7 @@ def shares(path: Path, what: str, values: NDArray[np.float64]) -> NDArray[np.flo
     return values.clip(0, 1)
 
 
-def decoded(data: bytes | memoryview, name: str, what: str) -> Pixels:
+def decoded(data: bytes | memoryview, name: str, what: str) -> PixelBytes:
     """Return a picture as 8-bit RGBA; 16 bits are rounded.
 
     Raises
@@ -213,8 +213,8 @@ def _coverage(
 
 
 def _fitting(
-    surface: Surface, notes: Notes, pixels: Pixels, coverage: NDArray[np.float64]
-) -> tuple[Pixels, NDArray[np.float64]]:
+    surface: Surface, notes: Notes, pixels: PixelBytes, coverage: NDArray[np.float64]
+) -> tuple[PixelBytes, NDArray[np.float64]]:
     small = _smaller(surface, notes, pixels)
     if small is pixels:
         return pixels, coverage
@@ -223,7 +223,7 @@ def _fitting(
     return small, np.asarray(scaled, np.float64)
 
 
-def _smaller(surface: Surface, notes: Notes, pixels: Pixels) -> Pixels:
+def _smaller(surface: Surface, notes: Notes, pixels: PixelBytes) -> PixelBytes:
     height, width = pixels.shape[:2]
     mirrored = [1 + (wrap == "mirror") for wrap in surface.wrap]
     share = LARGEST_TEXTURE_PX / max(width * mirrored[0], height * mirrored[1])
@@ -237,7 +237,7 @@ def _smaller(surface: Surface, notes: Notes, pixels: Pixels) -> Pixels:
     return np.asarray(Image.fromarray(pixels).resize(size), np.uint8)
 
 
-def _laid(surface: Surface, notes: Notes, pixels: Pixels) -> Pixels:
+def _laid(surface: Surface, notes: Notes, pixels: PixelBytes) -> PixelBytes:
     """Return a picture with row 0 at v = 0; mirrors are laid beside it, and the whole repeats."""
     pixels = _smaller(surface, notes, pixels)[::-1]
     for axis, wrap in ((1, surface.wrap[0]), (0, surface.wrap[1])):

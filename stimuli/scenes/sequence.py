@@ -26,7 +26,7 @@ from pipeline.pictures.channels import (
     need,
     need_motion,
 )
-from pipeline.pictures.colour_file import Transfer, check_finite, stored_transfer
+from pipeline.pictures.colour_file import Transfer, check_finite_light, stored_transfer
 from pipeline.pictures.decode import read_parts
 from pipeline.pictures.depth_and_flow import along_axis, centred, check_depth_unit
 from pipeline.pictures.stored_frames import sequence_files
@@ -298,7 +298,7 @@ def load_picture(path: Path, scene: ExrScene) -> SequenceFrame:
     colour = [plane(key) for key in "rgb"]
     check_opaque(path, planes, colour[0])
     light = np.stack(colour, axis=-1)
-    check_finite(path, light)
+    check_finite_light(path, light)
     depth = _distance(plane("depth"), scene)
     check_depth(depth, f"{path}: depth", cure=NO_DEPTH)
     motion = None

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
 from pipeline.foveation.geometry import Flat, Geometry, eccentricity_deg, pixel_centres
-from stimuli.score.measured import Curve, PairScores
+from stimuli.score.measured import PairScores, RatioCurve
 from stimuli.score.metrics import FRAME
 from stimuli.score.pair import Image, ScoredPair
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
@@ -75,7 +75,7 @@ class RingEnergies:
         ratio = np.sqrt(test / np.where(enough, truth, 1.0))
         return np.where(enough, ratio, np.nan)
 
-    def curves(self) -> dict[str, Curve]:
+    def curves(self) -> dict[str, RatioCurve]:
         """A curve per level: middles of the rings in degrees, ratios there."""
         middles = [math.sqrt(max(low, 0.5) * high) for low, high in pairwise(EDGES_DEG)]
         found = {}

@@ -19,7 +19,7 @@ from protocols.manifest import Clip, Manifest
 from stimuli.score.available import MissingMetrics
 from stimuli.score.batch import Subject, Subjects
 from stimuli.score.measure_clips import Report, ScoreSettings, score
-from stimuli.score.measured import Curve
+from stimuli.score.measured import RatioCurve
 from stimuli.score.metrics import FRAME, choose_metrics
 from stimuli.score.pair import ScoredPair, read_colour
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions, standard_fhd
@@ -49,7 +49,7 @@ class FoveatedScores:
 
     values: Mapping[str, float | None]
     blind: Mapping[str, str]
-    band_ratios: Mapping[str, Curve]
+    band_ratios: Mapping[str, RatioCurve]
     missing: tuple[MissingMetrics, ...]
 
 

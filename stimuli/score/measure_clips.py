@@ -24,7 +24,7 @@ from protocols.errors import StudyError
 from stimuli.batch.executors import local_processes
 from stimuli.score.available import MissingMetrics, family_versions, split_available
 from stimuli.score.batch import Subject, Subjects, check_subjects, usable_regions
-from stimuli.score.measured import Curve, PairScores
+from stimuli.score.measured import PairScores, RatioCurve
 from stimuli.score.metrics import FAMILIES, Family, Metric
 from stimuli.score.pair import ScoredPair
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
@@ -150,7 +150,7 @@ class ScoreResults:
     per_frame: dict[tuple[str, str, str], list[float | None]]
     maps: dict[str, NDArray[np.float32]]
     map_metric: str
-    curves: dict[str, dict[str, Curve]] = field(default_factory=dict)
+    curves: dict[str, dict[str, RatioCurve]] = field(default_factory=dict)
 
     def value(self, subject: Subject, metric: Metric, region: str) -> float | None:
         """Return one number, None where there is none."""
@@ -332,7 +332,7 @@ def _collected(
     values: dict[tuple[str, str, str], float | None] = {}
     per_frame: dict[tuple[str, str, str], list[float | None]] = {}
     maps: dict[str, dict[str, NDArray[np.float32]]] = {}
-    curves: dict[str, dict[str, Curve]] = {}
+    curves: dict[str, dict[str, RatioCurve]] = {}
     for job in jobs:
         measured, clip = found[job.key], job.subject.name
         for (metric, region), value in measured.values.items():

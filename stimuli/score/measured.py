@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-Curve = tuple[tuple[float, float], ...]
+RatioCurve = tuple[tuple[float, float], ...]
 """Points (x, y) of a line."""
 
 
@@ -32,7 +32,7 @@ class PairScores:
     values: Mapping[tuple[str, str], float | None]
     per_frame: Mapping[tuple[str, str], list[float | None]] = field(default_factory=dict)
     error_map: NDArray[np.float32] | None = None
-    curves: Mapping[str, Curve] = field(default_factory=dict)
+    curves: Mapping[str, RatioCurve] = field(default_factory=dict)
 
 
 def mean_of(values: list[float | None]) -> float | None:

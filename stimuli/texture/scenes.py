@@ -144,7 +144,7 @@ def globe_vertices(
     return found
 
 
-Plane = NDArray[np.float32]
+FloatPlane = NDArray[np.float32]
 
 # Height to encoded colour: dark plains, rust, dust, pale highlands.
 _RAMP = np.array(
@@ -185,7 +185,7 @@ def planet_map(height_px: int, seed: int = 0) -> NDArray[np.uint8]:
     return colour
 
 
-def _fractal(height_px: int, seed: int, exponent: float) -> Plane:
+def _fractal(height_px: int, seed: int, exponent: float) -> FloatPlane:
     """Noise of amplitude 1 / f^exponent and unit variance, periodic along x.
 
     Frequencies are in cycles per turn, each with a phase of its own whatever the size.
@@ -214,7 +214,7 @@ def _fractal(height_px: int, seed: int, exponent: float) -> Plane:
     return np.asarray(plane / plane.std())
 
 
-def _craters(height_px: int, latitude: NDArray[np.float64], rng: np.random.Generator) -> Plane:
+def _craters(height_px: int, latitude: NDArray[np.float64], rng: np.random.Generator) -> FloatPlane:
     """Bowls with rims, many small and few large, evenly over the globe."""
     width_px = 2 * height_px
     relief = np.zeros((height_px, width_px), np.float32)

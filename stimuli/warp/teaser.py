@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from pipeline.errors import InputError
-from pipeline.pictures.drawing import Crop, Picture, auto_crops, difference
+from pipeline.pictures.drawing import Crop, Picture, auto_crops, mean_difference
 from protocols.errors import must_be_one_of
 from protocols.manifest import Clip, Manifest
 from protocols.recipes.base import SCENE
@@ -227,7 +227,7 @@ def _row(
         compared = list(methods)
     tried = []
     for index in {round(k) for k in steps} if asked.frame is None else [asked.frame]:
-        apart = difference([group.frames[name](index) for name in compared])
+        apart = mean_difference([group.frames[name](index) for name in compared])
         places = asked.crops or auto_crops(apart, asked.count)
         value = float(np.mean([crop.of(apart).mean() for crop in places]))
         tried.append((value, -index, places))

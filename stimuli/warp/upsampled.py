@@ -17,7 +17,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry, share_around
 from pipeline.frame import WarpedFrame
 from pipeline.pictures import drawing
-from pipeline.pictures.drawing import Crop, auto_crops, difference
+from pipeline.pictures.drawing import Crop, auto_crops, mean_difference
 from stimuli.batch.clip import with_true_view
 from stimuli.warp.one_frame import FillResult, quality_words
 
@@ -116,7 +116,7 @@ def crops_of(
     shown: Sequence[drawing.Picture], away: NDArray[np.bool_], gaze_px: tuple[float, float]
 ) -> list[Crop]:
     """Crops to show: the gaze, then where pictures differ most among what is `away` from it."""
-    found = auto_crops(difference(shown) * away, CROPS - 1)
+    found = auto_crops(mean_difference(shown) * away, CROPS - 1)
     height, width = away.shape
     across, down = found[0].width, found[0].height
     x, y = (

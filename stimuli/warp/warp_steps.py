@@ -24,7 +24,7 @@ from pipeline.pictures.warp_input import WarpInput
 from pipeline.statistics.moments import luma_moments
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
-from stimuli.media.frames_folder import Step, save_steps
+from stimuli.media.frames_folder import DrawnStep, save_steps
 from stimuli.warp.one_frame import FillResult
 
 METAMERIC = "metameric"
@@ -56,7 +56,7 @@ def write_warp_steps(
     return save_steps(folder, steps, warped.size)
 
 
-def _warp_steps(frame: WarpInput, warped: WarpedFrame) -> Iterator[Step]:
+def _warp_steps(frame: WarpInput, warped: WarpedFrame) -> Iterator[DrawnStep]:
     near_m = min(nearest_depth_m(depth) for depth in (frame.source.depth_m, warped.depth_m))
     longest_px = float(np.linalg.norm(frame.flow_px, axis=-1).max())
     yield "source", "source", drawing.of_colour(frame.source.colour)
@@ -87,7 +87,7 @@ def _warp_steps(frame: WarpInput, warped: WarpedFrame) -> Iterator[Step]:
 
 def metameric_steps(
     warped: WarpedFrame, parameters: Mapping[str, Any], seed: int
-) -> Iterator[Step]:
+) -> Iterator[DrawnStep]:
     """The steps inside a metameric fill with these parameters of the method."""
     known = {name: parameters[name] for name in MetamericSettings.names() if name in parameters}
     settings = MetamericSettings(**known)

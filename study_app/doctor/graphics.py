@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from study_app.desktop.desktop_watch import DO_NOT_DISTURB, unnoticed
 from study_app.doctor import FOR_SESSIONS, FOR_STIMULI, Finding, Status
-from study_app.doctor.probes import Answer
+from study_app.doctor.probes import ProbeAnswer
 
 _CURE_GL = (
     "install the graphics card's driver, or Mesa's software renderer"
@@ -15,7 +15,7 @@ _CURE_GL = (
 )
 
 
-def check_gl(answer: Answer) -> Finding:
+def check_gl(answer: ProbeAnswer) -> Finding:
     """OpenGL 4.3 without a window, as stimuli are made."""
     name, jobs = "OpenGL off-screen", FOR_STIMULI
     if "error" in answer:
@@ -36,7 +36,7 @@ def check_gl(answer: Answer) -> Finding:
     return Finding(name, Status.PASS, found, "", jobs)
 
 
-def check_screen(answer: Answer, environment: Mapping[str, str]) -> list[Finding]:
+def check_screen(answer: ProbeAnswer, environment: Mapping[str, str]) -> list[Finding]:
     """Window system, what may cover the screen, monitors, and the timing of a window."""
     if "error" in answer or not answer["monitors"]:
         reason = answer.get("error") or "no monitor is connected"
@@ -71,7 +71,7 @@ def _judge_platform(system: str, environment: Mapping[str, str]) -> Finding:
     return _of_sessions("display", Status.WARN, found, cure)
 
 
-def _judge_monitors(monitors: list[Answer]) -> Finding:
+def _judge_monitors(monitors: list[ProbeAnswer]) -> Finding:
     found = "; ".join(
         f"{one['name']} {one['width_px']} x {one['height_px']} px, {one['refresh_hz']} Hz at scale"
         f" {one['scale']:g}"
@@ -86,7 +86,7 @@ def _judge_monitors(monitors: list[Answer]) -> Finding:
     return _of_sessions("monitors", Status.WARN, f"they differ: {found}", cure)
 
 
-def _judge_window(window: Answer | None) -> list[Finding]:
+def _judge_window(window: ProbeAnswer | None) -> list[Finding]:
     """Renderer and timing of a window, as a session checks them before it begins."""
     from pipeline.gl.context import SOFTWARE_RENDERERS
 

@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 
 from study_app.doctor import EVERY_JOB, FOR_BOTH, FOR_SESSIONS, Finding, Job, Status
 from study_app.doctor.graphics import check_gl, check_screen
-from study_app.doctor.probes import Answer, ask_probe
+from study_app.doctor.probes import ProbeAnswer, ask_probe
 from study_app.text_image import UnwritableError, typeface_for
 
 DISK_FAIL_GB, DISK_WARN_GB = 1.0, 10.0
@@ -63,7 +63,7 @@ def requirements() -> list[Requirement]:
         return []
 
 
-def check_python(loops_ms: Answer) -> list[Finding]:
+def check_python(loops_ms: ProbeAnswer) -> list[Finding]:
     """Another Python of this machine that would do all of it faster; nothing if none would.
 
     Parameters
@@ -160,7 +160,7 @@ def check_clip_memory(free_gb: float) -> Finding:
 
 
 def examine(
-    folder: Path, *, jobs: Set[Job] = EVERY_JOB, probe: Callable[[str], Answer] = ask_probe
+    folder: Path, *, jobs: Set[Job] = EVERY_JOB, probe: Callable[[str], ProbeAnswer] = ask_probe
 ) -> list[Finding]:
     """Ask every question of this machine that bears on `jobs`.
 

@@ -26,10 +26,10 @@ from study_app.doctor.python_speed import loops_ms
 if TYPE_CHECKING:  # a driver is asked by the process of a probe alone
     from study_app.desktop.monitor import Monitor
 
-Answer = dict[str, Any]  # JSON; "error" holds the reason where there is no answer
+ProbeAnswer = dict[str, Any]  # JSON; "error" holds the reason where there is no answer
 
 
-def ask_probe(name: str, *, timeout_s: float = 60.0) -> Answer:
+def ask_probe(name: str, *, timeout_s: float = 60.0) -> ProbeAnswer:
     """Run the probe `name` in a process of its own.
 
     Returns
@@ -55,7 +55,7 @@ def ask_probe(name: str, *, timeout_s: float = 60.0) -> Answer:
         return {"error": said[-1] if said else f"ended with status {done.returncode}"}
 
 
-def gl() -> Answer:
+def gl() -> ProbeAnswer:
     """The renderer that batches will use: off-screen, through EGL."""
     from pipeline.gl.context import create_context, describe
 
@@ -70,7 +70,7 @@ def gl() -> Answer:
     }
 
 
-def display() -> Answer:
+def display() -> ProbeAnswer:
     """Monitors, and whether buffer swaps keep time with one of them."""
     import glfw
 
@@ -81,7 +81,7 @@ def display() -> Answer:
     if not glfw.init():
         _, reason = glfw.get_error()
         return {"error": plain_text(reason) or "no display"}
-    found: Answer = {
+    found: ProbeAnswer = {
         "platform": window_system(),
         "monitors": [_monitor(monitor) for monitor in glfw.get_monitors()],
         "disturbers": disturbers(process.name() for process in psutil.process_iter(["name"])),
@@ -98,7 +98,7 @@ def display() -> Answer:
     return found
 
 
-def _monitor(monitor: Monitor) -> Answer:
+def _monitor(monitor: Monitor) -> ProbeAnswer:
     import glfw
 
     from study_app.desktop.monitor import enlargement, plain_text
@@ -124,7 +124,7 @@ _DISTURBERS = re.compile(
 )
 
 
-def _window() -> Answer:
+def _window() -> ProbeAnswer:
     """The session's own check of a display, in a window over the primary monitor."""
     from study_app.desktop.display_check import check_display, display_findings, shortfall
     from study_app.desktop.monitor import monitor_display
@@ -144,7 +144,7 @@ def _window() -> Answer:
     }
 
 
-PROBES: dict[str, Callable[[], Answer]] = {"gl": gl, "display": display, "python": loops_ms}
+PROBES: dict[str, Callable[[], ProbeAnswer]] = {"gl": gl, "display": display, "python": loops_ms}
 
 
 def answer(name: str) -> None:

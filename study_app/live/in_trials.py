@@ -13,15 +13,15 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.manifest import Manifest
 from protocols.recipes.base import LiveMethod
-from protocols.script import Live, ScriptPhase, Size, TrialScript
+from protocols.script import Live, PixelSize, ScriptPhase, TrialScript
 from study_app.gaze.saccades import SaccadeWatch
 from study_app.gaze.source import GazeSample
 from study_app.live.loop import SPARE_SHARE, DrawnFlip, GazeSamples, LiveLoop, Screen
 from study_app.live.renderer import (
+    GazePlace,
     GazeState,
     LiveRenderer,
     LiveView,
-    Place,
     RendererDescription,
     Studio,
 )
@@ -55,7 +55,7 @@ class KeptPixels(NamedTuple):
 
 
 def described(
-    live: LiveMethod, source_sha256: str, entry: Live, size_px: Size, display: Display
+    live: LiveMethod, source_sha256: str, entry: Live, size_px: PixelSize, display: Display
 ) -> RendererDescription:
     """Return a description of the renderer of a stimulus at its place on a display.
 
@@ -102,7 +102,7 @@ class NullRenderer:
     def prepare(self, seed: int) -> None:
         """Nothing to make."""
 
-    def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:  # noqa: ARG002
+    def follow(self, eye_px: GazePlace, elapsed_s: float) -> tuple[GazePlace, GazePlace]:  # noqa: ARG002
         """Hold the last gaze while the eye is lost."""
         if eye_px[0] == eye_px[0]:
             self._eye_px = eye_px
@@ -141,7 +141,7 @@ class _Stimulus:
     renderer: LiveRenderer
     live: LiveMethod
     sha256: str
-    corner_px: Place
+    corner_px: GazePlace
 
 
 class LiveShow:

@@ -16,7 +16,7 @@ from protocols.latency import EyeState, LatencySummary
 from protocols.recipes.base import Change
 from study_app.gaze.saccades import Saccade, SaccadeWatch
 from study_app.gaze.source import GazeSample
-from study_app.live.renderer import Follower, GazeState, LiveView, Place, on_grid
+from study_app.live.renderer import Follower, GazePlace, GazeState, LiveView, on_grid
 
 if TYPE_CHECKING:
     import moderngl
@@ -161,7 +161,7 @@ class LiveLoop:
         self,
         screen: Screen,
         gaze: GazeSamples,
-        corner_px: Place,
+        corner_px: GazePlace,
         *,
         polled: bool,
         cost_s: float = 0.0,
@@ -262,7 +262,7 @@ class LiveLoop:
         last = self._watch.last
         return last is not None and bool(last.suppresses(flip_s))  # a plug-in's may be numpy's
 
-    def _eye_px(self) -> Place:
+    def _eye_px(self) -> GazePlace:
         """Place of the eye in the picture, on the grid of gazes; not a number while it is lost."""
         newest, held, self._held = self._newest, self._held, None
         if newest is None or not newest.valid:
@@ -314,7 +314,7 @@ class GreySquare:
     def hold(self, view: LiveView) -> None:
         """Analyse nothing."""
 
-    def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:  # noqa: ARG002
+    def follow(self, eye_px: GazePlace, elapsed_s: float) -> tuple[GazePlace, GazePlace]:  # noqa: ARG002
         """Return the eye's own place."""
         return eye_px, eye_px
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # who describes a picture needs no graphics
     import numpy as np
     from numpy.typing import NDArray
 
-Place: TypeAlias = tuple[float, float]
+GazePlace: TypeAlias = tuple[float, float]
 Parameter: TypeAlias = bool | int | float | str
 
 STEPS_PER_PX = 16
@@ -39,8 +39,8 @@ class LiveView(NamedTuple):
 class GazeState(NamedTuple):
     """Gaze and seed that a view is drawn for; places are pixels of the picture."""
 
-    gaze_px: Place
-    field_px: Place
+    gaze_px: GazePlace
+    field_px: GazePlace
     """The gaze that displacements follow."""
     seed: int
 
@@ -71,7 +71,7 @@ class Follower(Protocol):
     def hold(self, view: LiveView) -> None:
         """Analyse what is looked at, unless it is what is held."""
 
-    def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:
+    def follow(self, eye_px: GazePlace, elapsed_s: float) -> tuple[GazePlace, GazePlace]:
         """Return the gaze, and that of the field, for an eye so long after the last call.
 
         Not a number: the eye is lost, and both hold; the middle until it was ever found.
@@ -111,7 +111,7 @@ class Studio(Protocol):
         """Free all that was made."""
 
 
-def on_grid(place_px: Place) -> Place:
+def on_grid(place_px: GazePlace) -> GazePlace:
     """Return a place on the grid of gazes; what is not a number stays so."""
     x, y = (
         round(STEPS_PER_PX * value) / STEPS_PER_PX if math.isfinite(value) else math.nan

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from study_app.desktop.draw import VERTEX, Painter, uniform_of
 from study_app.desktop.window import Window
-from study_app.live.renderer import GazeState, Place
+from study_app.live.renderer import GazePlace, GazeState
 from study_app.text_image import text_image, typeface_for
 
 RINGS_DEG = (1.0, 5.0, 10.0, 20.0, 30.0)
@@ -54,7 +54,7 @@ class WindowScreen:
     """
 
     def __init__(
-        self, window: Window, corner_px: tuple[int, int], centre_px: Place, distance_px: float
+        self, window: Window, corner_px: tuple[int, int], centre_px: GazePlace, distance_px: float
     ) -> None:
         self._window, self._corner, ctx = window, corner_px, window.ctx
         self._painter = Painter(ctx, window.size, 128)

@@ -44,11 +44,11 @@ from protocols.feasibility import TRIALS_IN_MEMORY, require_feasible, session_du
 from protocols.manifest import Clip, Manifest, check_manifest
 from protocols.plan import planned_trials
 from protocols.revision import code_revision
-from protocols.script import Drawn, Entry, Frames, Live, Picture, Place, Size, TrialScript
+from protocols.script import Drawn, Entry, Frames, Live, Picture, PixelSize, Place, TrialScript
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import consent_text, filled_text
 from study_app.clips import check_files
-from study_app.paint import Bitmaps, Pixels, bitmaps_of, drawn
+from study_app.paint import Bitmaps, PixelBytes, bitmaps_of, drawn
 
 STUDY_FILE, PACKS, PICTURES = "study.json", "packs", "pictures"
 _COLOUR_CHUNKS = ("cHRM", "cICP", "gAMA", "iCCP", "sRGB")
@@ -68,7 +68,7 @@ class BrowserNeeds:
     """Bytes of the decoded stimuli of two trials."""
     duration_s: float
     """Length of a session, answers in 1.5 s."""
-    window_px: Size
+    window_px: PixelSize
     """Smallest part of the screen that shows all of a trial."""
 
     @property
@@ -118,14 +118,14 @@ class WebBuild:
         }
 
     @cached_property
-    def pictures(self) -> dict[str, tuple[Pixels, Place]]:
+    def pictures(self) -> dict[str, tuple[PixelBytes, Place]]:
         """Every picture by its name, cut to its ink, and how far that moved its corner."""
         bitmaps = bitmaps_of(self.shown, self.display)
         of = {picture_name(p.of): p.of for s in self._all_scripts() for p in s.pictures()}
         return {name: cut_out(one, bitmaps) for name, one in sorted(of.items())}
 
     @cached_property
-    def window_px(self) -> Size:
+    def window_px(self) -> PixelSize:
         """Smallest part of the screen, about its middle, that shows all of a trial."""
         reach_x = reach_y = 1
         for script in self._all_scripts():
@@ -371,7 +371,7 @@ def picture_name(of: Drawn) -> str:
     return sha256_json(of)
 
 
-def cut_out(of: Drawn, bitmaps: Bitmaps) -> tuple[Pixels, Place]:
+def cut_out(of: Drawn, bitmaps: Bitmaps) -> tuple[PixelBytes, Place]:
     """Return a picture without the empty rows and columns around it, and its corner's new place.
 
     A notice is as large as the screen that it was made for, and its words are in the middle.
@@ -473,7 +473,7 @@ def check_budget(
     )
 
 
-def picture_png(pixels: Pixels) -> bytes:
+def picture_png(pixels: PixelBytes) -> bytes:
     """Return a picture as a PNG file without any colour chunk: codes stay what they are."""
     file = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels)).save(file, "PNG", optimize=True)

@@ -163,7 +163,7 @@ class ImportResult:
     """Reason for the end of the session; empty where it did not end."""
 
 
-def read_results(paths: Iterable[Path]) -> BrowserResults:
+def read_web_results(paths: Iterable[Path]) -> BrowserResults:
     """Read results: archives of JATOS, texts of lines, folders of such.
 
     Raises
@@ -195,7 +195,7 @@ def import_results(
     Parameters
     ----------
     inbox : BrowserResults
-        As `read_results` returns it.
+        As `read_web_results` returns it.
     study, display, manifest : StudyProtocol, Display, Manifest
         Those of the export.
     root : Path

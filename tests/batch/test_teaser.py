@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import InputError
-from pipeline.pictures.drawing import Crop, auto_crops, difference
+from pipeline.pictures.drawing import Crop, auto_crops, mean_difference
 from stimuli.score.plots import png_bytes, vector_bytes
 from stimuli.warp.teaser import (
     WIDTHS_IN,
@@ -32,8 +32,8 @@ def row(methods: int = 3, scene: str = "") -> FigureRow:
 
 def test_the_difference_is_the_mean_over_pairs_by_hand():
     a, b, c = (np.full((2, 2, 3), level, np.uint8) for level in (0, 10, 40))
-    np.testing.assert_allclose(difference([a, b, c]), (10 + 40 + 30) / 3)
-    np.testing.assert_allclose(difference([a]), 0)
+    np.testing.assert_allclose(mean_difference([a, b, c]), (10 + 40 + 30) / 3)
+    np.testing.assert_allclose(mean_difference([a]), 0)
 
 
 def test_crops_lie_where_the_difference_is_largest_and_never_overlap():

@@ -20,7 +20,7 @@ from web_study import WEB_CASES, BuiltWebStudy
 
 from protocols.disk.hashing import sha256_bytes
 from protocols.script import Frames, Picture, ScriptPhase
-from study_app.paint import Pixels, bitmaps_of, paint
+from study_app.paint import PixelBytes, bitmaps_of, paint
 from study_app.web.export import WebBuild
 
 SMOOTH = {False: (0, 0), True: (8, 1)}
@@ -48,7 +48,7 @@ class Scene:
     """Something that a flip shows: for the page as JSON, and as Python paints it."""
 
     told: str
-    screen: Pixels
+    screen: PixelBytes
 
 
 def scenes(of: BuiltWebStudy) -> Iterator[Scene]:
@@ -92,12 +92,12 @@ def held(of: BuiltWebStudy) -> list[list[str]]:
     return [names[2 * n : 2 * n + 2] for n in range(len(names) // 2)]
 
 
-def pixels_of(of: BuiltWebStudy, name: str) -> Pixels:
+def pixels_of(of: BuiltWebStudy, name: str) -> PixelBytes:
     clip = next(clip for clip in of.manifest.clips if clip.name == name)
     return np.asarray(Image.open(of.stimuli / clip.frame_path(0)).convert("RGB"))
 
 
-def on_canvas(screen: Pixels, width: int, height: int, scale: int) -> Pixels:
+def on_canvas(screen: PixelBytes, width: int, height: int, scale: int) -> PixelBytes:
     """Return the part of a screen about its middle that a canvas shows."""
     large = np.kron(screen, np.ones((scale, scale, 1), np.uint8))
     down, across = scale * (screen.shape[0] // 2), scale * (screen.shape[1] // 2)

@@ -11,7 +11,7 @@ from web_study import brought_home
 
 from protocols.journal import SessionResume
 from protocols.journal_file import read_journal
-from study_app.web.import_lines import import_results, read_results
+from study_app.web.import_lines import import_results, read_web_results
 
 OVER = "document.querySelector('main')?.dataset.page === 'over'"
 SAVED = "fetch(document.querySelector('main a[download]').href).then((file) => file.text())"
@@ -93,7 +93,7 @@ def test_what_a_folder_offers_is_a_file_that_import_takes(chromium, case, tmp_pa
             if path.exists():
                 break
             time.sleep(0.05)
-    inbox = read_results([tmp_path / "saved"])
+    inbox = read_web_results([tmp_path / "saved"])
     (imported,) = import_results(inbox, of.study, of.display, of.manifest, tmp_path / "sessions")
     assert (imported.state, imported.reason) == ("imported", "completed")
 
@@ -134,7 +134,7 @@ def test_lines_that_are_too_many_for_a_result_come_as_files(chromium, case, tmp_
         assert len([name for name in site.files if name.endswith(".txt")]) > 5
         site.archive(tmp_path / "results.zip")
     assert chromium.errors == []
-    inbox = read_results([tmp_path / "results.zip"])
+    inbox = read_web_results([tmp_path / "results.zip"])
     (imported,) = import_results(inbox, of.study, of.display, of.manifest, tmp_path / "sessions")
     assert (imported.state, imported.reason) == ("imported", "completed"), imported.message
 

@@ -21,7 +21,7 @@ from protocols.study_file.preregister import preregistration, to_markdown
 from stimuli.media.png import encode_bytes
 from study_app.cli import app
 from study_app.web.export import WebBuild, check_budget, colour_chunks
-from study_app.web.import_lines import BrowserResults, read_results
+from study_app.web.import_lines import BrowserResults, read_web_results
 
 
 def test_packs_and_times_may_be_as_large_as_budgets_allow():
@@ -123,7 +123,7 @@ def test_an_archive_that_is_cut_short_is_no_text_and_nothing_of_it_counts(tmp_pa
     path = tmp_path / "results.zip"
     path.write_bytes(whole.getvalue()[:kept])
     with pytest.raises(StudyError, match=r"results\.zip: must be an archive .* download it again"):
-        read_results([path])
+        read_web_results([path])
 
 
 def test_a_study_over_its_budgets_is_refused_with_what_fits_and_options_that_admit_it(case):

@@ -12,7 +12,7 @@ from protocols.journal import SessionResume
 from protocols.journal_file import read_journal
 from study_app.session_folders import find_sessions
 from study_app.verification import verify
-from study_app.web.import_lines import import_results, read_results
+from study_app.web.import_lines import import_results, read_web_results
 
 FAULTS = {"missed": 0.03, "paused": 0.002, "disturbed": 0.002}
 
@@ -71,7 +71,7 @@ def test_a_line_behind_what_is_left_of_another_counts(kernel, case, tmp_path, ke
     cut = first[: int(kept * len(first))].rstrip("}\n") if damaged else first[:-1]
     path.write_text(cut + second, encoding="utf-8")
 
-    inbox = read_results([path])
+    inbox = read_web_results([path])
     found = import_results(inbox, of.study, of.display, of.manifest, tmp_path / "sessions")
 
     assert len(inbox.damaged) == damaged
@@ -105,7 +105,7 @@ def test_what_comes_twice_torn_mixed_or_from_elsewhere_is_told_apart(kernel, cas
     folder.mkdir()
     (folder / "data.txt").write_text(texts)
 
-    inbox = read_results([folder])
+    inbox = read_web_results([folder])
     imported = import_results(inbox, of.study, of.display, of.manifest, tmp_path / "sessions")
 
     assert [(each.participant, each.state) for each in imported] == [

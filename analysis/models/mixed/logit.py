@@ -164,7 +164,7 @@ def likelihood_ratio_p(design: Floats, successes: Floats, trials: Floats, *, fir
     return chi_squared_p(np.maximum(values, 0.0))
 
 
-def profile_limits(design: Floats, successes: Floats, trials: Floats, level: float) -> Floats:
+def firth_limits(design: Floats, successes: Floats, trials: Floats, level: float) -> Floats:
     """Return limits (coefficients, 2) of Firth's penalised profile likelihood.
 
     They leave out 0 exactly where `likelihood_ratio_p` with ``firth=True`` is below 1 - level

@@ -64,7 +64,7 @@ def log_probability(difference: Floats) -> Floats:
     return np.asarray(log_ndtr(difference / JOD_SIGMA), dtype=np.float64)
 
 
-def probability(difference: Floats) -> Floats:
+def choice_share(difference: Floats) -> Floats:
     """Return the probability that the first of a pair is chosen."""
     return np.asarray(np.exp(log_probability(np.asarray(difference))))
 

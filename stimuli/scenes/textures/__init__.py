@@ -7,8 +7,8 @@ coverage, and is a pure function of the generator it is given.
 from stimuli.scenes.textures.foliage import blades, earth, lawn, leaves, panorama, pebbles
 from stimuli.scenes.textures.surface_noise_and_photographs import (
     SIZE_PX,
-    Colour,
-    Texture,
+    ByteTexture,
+    Rgb,
     finish,
     fractal,
     photograph,
@@ -18,8 +18,8 @@ from stimuli.scenes.textures.walls import bark, iron, masonry, planks, plaster, 
 
 __all__ = [
     "SIZE_PX",
-    "Colour",
-    "Texture",
+    "ByteTexture",
+    "Rgb",
     "bark",
     "blades",
     "earth",

@@ -11,9 +11,9 @@ from scipy import ndimage
 
 from stimuli.scenes.textures.surface_noise_and_photographs import (
     SIZE_PX,
-    Colour,
+    ByteTexture,
     Plane,
-    Texture,
+    Rgb,
     finish,
     fractal,
     photograph,
@@ -26,11 +26,11 @@ def leaves(
     rng: np.random.Generator,
     count: int = 120,
     length_px: tuple[int, int] = (90, 150),
-    colours: Sequence[Colour] | None = None,
+    colours: Sequence[Rgb] | None = None,
     *,
     size: int = SIZE_PX,
     slender: float = 0.42,
-) -> Texture:
+) -> ByteTexture:
     """A spray of leaves on nothing: for cut-out cards. It does not repeat: edges stay empty."""
     tones = colours or [(52, 84, 26), (74, 108, 36), (96, 126, 48), (118, 142, 62)]
     colour, mask = scatter(
@@ -42,11 +42,11 @@ def leaves(
 def blades(
     rng: np.random.Generator,
     count: int = 46,
-    colours: Sequence[Colour] | None = None,
+    colours: Sequence[Rgb] | None = None,
     *,
-    heads: Colour | None = None,
+    heads: Rgb | None = None,
     size: int = 512,
-) -> Texture:
+) -> ByteTexture:
     """A tuft of grass or reed that stands on the edge v = 0; `heads` adds flowers."""
     tones = np.asarray(colours or [(58, 80, 26), (92, 112, 42), (130, 140, 66), (150, 146, 84)])
     scale = 2
@@ -90,7 +90,7 @@ def scatter(
     size: int,
     count: int,
     length_px: tuple[int, int],
-    tones: Sequence[Colour],
+    tones: Sequence[Rgb],
     *,
     wrap: bool = True,
     slender: float = 0.42,
@@ -141,7 +141,7 @@ def scatter(
     return pixels[..., :3] * grain[..., None], pixels[..., 3] / 255
 
 
-def lawn(rng: np.random.Generator, dry: float = 0.0) -> Texture:
+def lawn(rng: np.random.Generator, dry: float = 0.0) -> ByteTexture:
     """Short grass seen from above; `dry` in [0, 1] turns it yellow."""
     blades = photograph("grass")
     patches = fractal(rng, slope=1.6)
@@ -152,7 +152,7 @@ def lawn(rng: np.random.Generator, dry: float = 0.0) -> Texture:
     return finish(green * (1 - share) + straw * share)
 
 
-def pebbles(rng: np.random.Generator, colours: Sequence[Colour] | None = None) -> Texture:
+def pebbles(rng: np.random.Generator, colours: Sequence[Rgb] | None = None) -> ByteTexture:
     """Gravel."""
     stones = photograph("gravel")
     value = np.clip(0.45 + 0.19 * stones + 0.04 * fractal(rng), 0, 1)
@@ -160,7 +160,7 @@ def pebbles(rng: np.random.Generator, colours: Sequence[Colour] | None = None) -
     return finish(base + shaded((1.0, 0.3, -0.8), 9 * fractal(rng, slope=0.9)))
 
 
-def earth(rng: np.random.Generator) -> Texture:
+def earth(rng: np.random.Generator) -> ByteTexture:
     """Forest floor: soil, needles, and dead leaves."""
     fine = photograph("grass") * 0.6 + fractal(rng, slope=0.7) * 0.6
     value = np.clip(0.42 + 0.17 * fine, 0, 1)
@@ -175,9 +175,9 @@ def earth(rng: np.random.Generator) -> Texture:
 
 def panorama(
     rng: np.random.Generator,
-    zenith: Colour = (82, 128, 190),
-    horizon: Colour = (196, 212, 226),
-    cloud: Colour = (246, 246, 244),
+    zenith: Rgb = (82, 128, 190),
+    horizon: Rgb = (196, 212, 226),
+    cloud: Rgb = (246, 246, 244),
     cover: float = 0.45,
 ) -> NDArray[np.uint8]:
     """A sky with clouds, longitude x latitude, shape (1024, 2048, 3)."""

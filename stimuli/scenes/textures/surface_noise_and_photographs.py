@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft, ndimage
 
 Plane = NDArray[np.float64]
-Picture = NDArray[np.float64]
+PaintedColour = NDArray[np.float64]
 """Shape (N, N, 3); it lies in memory channel by channel, which makes what is done to it fast."""
-Colour = tuple[float, float, float]
-Texture = NDArray[np.uint8]
+Rgb = tuple[float, float, float]
+ByteTexture = NDArray[np.uint8]
 
 SIZE_PX = 1024
 
@@ -49,7 +49,7 @@ def photograph(name: str, size: int = SIZE_PX) -> Plane:
     return np.asarray((mixed - mixed.mean()) / mixed.std())
 
 
-def ramp(plane: Plane, colours: Sequence[Colour]) -> Picture:
+def ramp(plane: Plane, colours: Sequence[Rgb]) -> PaintedColour:
     """Colour by value: `plane` in [0, 1] along `colours` (encoded, 0 to 255)."""
     table = np.asarray(colours, np.float64)
     step = 1 / (len(table) - 1)
@@ -60,13 +60,13 @@ def ramp(plane: Plane, colours: Sequence[Colour]) -> Picture:
     return result
 
 
-def shaded(tone: ArrayLike, value: Plane) -> Picture:
+def shaded(tone: ArrayLike, value: Plane) -> PaintedColour:
     """Return the colour `tone` times each of `value`."""
     channel = np.asarray(tone, np.float64).reshape(3, *(1,) * value.ndim)
     return np.moveaxis(channel * value, 0, -1)
 
 
-def finish(colour: Picture, coverage: Plane | None = None) -> Texture:
+def finish(colour: PaintedColour, coverage: Plane | None = None) -> ByteTexture:
     """Round to bytes; where there is no coverage, colour goes on, so that edges do not fringe."""
     rgba = np.empty((*colour.shape[:2], 4), np.uint8)
     for channel in range(3):

@@ -10,9 +10,9 @@ from scipy import ndimage
 
 from stimuli.scenes.textures.surface_noise_and_photographs import (
     SIZE_PX,
-    Colour,
+    ByteTexture,
     Plane,
-    Texture,
+    Rgb,
     finish,
     fractal,
     ramp,
@@ -25,13 +25,13 @@ def masonry(
     rng: np.random.Generator,
     rows: int,
     columns: int,
-    colours: Sequence[Colour],
-    mortar: Colour = (150, 142, 130),
+    colours: Sequence[Rgb],
+    mortar: Rgb = (150, 142, 130),
     *,
     joint: float = 0.06,
     rough: float = 1.0,
     size: int = SIZE_PX,
-) -> Texture:
+) -> ByteTexture:
     """Courses of blocks in running bond: brick for many rows, ashlar for few."""
     y, x = _texels(size)
     wobble = 0.006 * rough
@@ -56,7 +56,7 @@ def masonry(
     return finish(colour * value[..., None] + filler)
 
 
-def planks(rng: np.random.Generator, boards: int = 6, tone: Colour = (128, 98, 68)) -> Texture:
+def planks(rng: np.random.Generator, boards: int = 6, tone: Rgb = (128, 98, 68)) -> ByteTexture:
     """Weathered boards, upright (along v)."""
     size = SIZE_PX
     y, x = _texels(size)
@@ -102,7 +102,7 @@ def _around(place: float, reach: float, size: int) -> tuple[NDArray[np.int64], N
     return texel.astype(np.int64) % size, texel / size - place
 
 
-def bark(rng: np.random.Generator, tone: Colour = (92, 74, 58)) -> Texture:
+def bark(rng: np.random.Generator, tone: Rgb = (92, 74, 58)) -> ByteTexture:
     """Furrowed bark, upright (along v)."""
     plates = stretched(rng, SIZE_PX, 7) + 0.35 * stretched(rng, SIZE_PX, 3)
     furrow = np.exp(-((plates / 0.35) ** 2))
@@ -112,14 +112,14 @@ def bark(rng: np.random.Generator, tone: Colour = (92, 74, 58)) -> Texture:
     return finish(shaded(tone, value * (1 - lichen)) + shaded((128.0, 136.0, 104.0), lichen))
 
 
-def plaster(rng: np.random.Generator, tone: Colour = (206, 190, 164)) -> Texture:
+def plaster(rng: np.random.Generator, tone: Rgb = (206, 190, 164)) -> ByteTexture:
     """Rendered wall with stains and fine cracks."""
     cracks = np.exp(-((fractal(rng, slope=1.3) / 0.018) ** 2))
     value = 1 + 0.045 * fractal(rng, slope=0.8) + 0.07 * fractal(rng, slope=1.5) - 0.18 * cracks
     return finish(shaded(tone, value))
 
 
-def stone(rng: np.random.Generator, tone: Colour = (176, 166, 148)) -> Texture:
+def stone(rng: np.random.Generator, tone: Rgb = (176, 166, 148)) -> ByteTexture:
     """Smooth cut stone with veins, pits and rain marks."""
     veins = np.exp(-((fractal(rng, slope=1.4) / 0.06) ** 2))
     pits = np.clip(fractal(rng, slope=0.5, coarsest=20) - 1.6, 0, 1)
@@ -129,7 +129,7 @@ def stone(rng: np.random.Generator, tone: Colour = (176, 166, 148)) -> Texture:
     return finish(shaded(tone, value) + shaded((1.0, 0.4, -0.6), hue))
 
 
-def roof_tiles(rng: np.random.Generator) -> Texture:
+def roof_tiles(rng: np.random.Generator) -> ByteTexture:
     """Clay tiles in rows, each lapping over the next."""
     rows, columns, size = 8, 12, SIZE_PX
     y, x = _texels(size)
@@ -142,7 +142,7 @@ def roof_tiles(rng: np.random.Generator) -> Texture:
     return finish(shaded((168.0, 92.0, 64.0), value))
 
 
-def iron(rng: np.random.Generator) -> Texture:
+def iron(rng: np.random.Generator) -> ByteTexture:
     """Dark painted iron with rust."""
     rust = np.clip(0.3 + 0.5 * fractal(rng, slope=1.1), 0, 1)
     colour = shaded((44.0, 46.0, 48.0), 1 - rust) + shaded((104.0, 62.0, 38.0), rust)

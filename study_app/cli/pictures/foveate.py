@@ -20,10 +20,10 @@ from protocols.load import load_display
 from study_app.cli.pictures.one_picture_options import (
     FILE_ENDINGS,
     LOOK,
-    DisplayOption,
     FovOption,
     NumpyOption,
     SettingsOption,
+    ShownOption,
     check_outputs,
     choose_methods,
     gaze_option,
@@ -76,7 +76,7 @@ class ViewingOptions:
             " with columns x_px and y_px and a line per frame.",
         ),
     ] = None
-    display: DisplayOption = None
+    display: ShownOption = None
     fov: FovOption = None
     panorama: bool = False
     """An equirectangular panorama, 2:1."""

@@ -16,9 +16,9 @@ from protocols.load import load_display
 from study_app.cli.options import one_of
 from study_app.cli.pictures.foveate import DEFAULT_METHOD, frames_of
 from study_app.cli.pictures.one_picture_options import (
-    DisplayOption,
     FovOption,
     SettingsOption,
+    ShownOption,
     check_file,
     choose_methods,
     named_methods,
@@ -72,7 +72,7 @@ class LiveOptions:
     """always: a frame follows the gaze; during-saccades: only in saccades."""
     seed: Annotated[int, typer.Option(min=0)] = 0
     """Seed to begin with."""
-    display: DisplayOption = None
+    display: ShownOption = None
     fov: FovOption = None
     panorama: bool = False
     """An equirectangular panorama; drag to look around."""

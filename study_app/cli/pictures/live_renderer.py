@@ -26,7 +26,7 @@ from protocols.limits import check_within
 from protocols.recipes.base import Cut
 from stimuli.media.frames_folder import frames_in
 from stimuli.scenes.builtin_pictures import builtin_picture, check_picture_name
-from study_app.live.renderer import GazeState, LiveView, Place, RendererDescription
+from study_app.live.renderer import GazePlace, GazeState, LiveView, RendererDescription
 
 BUILTIN = "builtin:"
 REFERENCE = "reference"
@@ -203,7 +203,7 @@ class FoveatingRenderer:
         if self._foveator is not None and self._foveator.passes is not None:
             self._foveator.passes.set_seed(seed, carried=self._shift_px is not None)
 
-    def follow(self, eye_px: Place, elapsed_s: float) -> tuple[Place, Place]:
+    def follow(self, eye_px: GazePlace, elapsed_s: float) -> tuple[GazePlace, GazePlace]:
         """Let the field follow as `SteadyGaze` does."""
         if self._steady is None:
             self._steady = SteadyGaze(self.geometry, eye_px)

@@ -38,7 +38,7 @@ def gaze_option(default: str, more: str = "") -> Any:
 
 
 GazeOption = Annotated[str | None, gaze_option("the middle")]
-DisplayOption = Annotated[
+ShownOption = Annotated[
     str | None,
     typer.Option(
         help="The display that shows it, pixel for pixel: a shipped name or a .toml file."
@@ -68,7 +68,7 @@ SettingsOption = Annotated[
 class PictureViewing:
     """The display or the angle at which a picture is seen."""
 
-    display: DisplayOption = None
+    display: ShownOption = None
     fov: FovOption = None
 
     def stated(self, gaze: str | None = None, panorama: bool = False) -> StatedViewing:

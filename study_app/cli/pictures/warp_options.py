@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 import typer
 
 from study_app.cli.options import unknown_numbers
-from study_app.cli.pictures.one_picture_options import LOOK, DisplayOption, FovOption, GazeOption
+from study_app.cli.pictures.one_picture_options import LOOK, FovOption, GazeOption, ShownOption
 
 
 @dataclass(frozen=True)
@@ -160,5 +160,5 @@ class EyeOptions:
     """Show the true view this far around the gaze, as a foveated display does whose periphery is
     filled up by warping. Fills are measured outside."""
     gaze: GazeOption = None
-    display: DisplayOption = None
+    display: ShownOption = None
     fov: FovOption = None

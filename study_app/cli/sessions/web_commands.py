@@ -114,11 +114,11 @@ def import_web(
         metamerlab session import-web lines/ --protocol my-study.toml --stimuli clips --check
     """
     # Imported here: most commands of sessions need none of it.
-    from study_app.web.import_lines import import_results, read_results
+    from study_app.web.import_lines import import_results, read_web_results
 
     study, screen = load_study(protocol, display, recorded=True)
     manifest = read_manifest(stimuli)
-    inbox = read_results(results)
+    inbox = read_web_results(results)
     for damaged in inbox.damaged[:20]:
         say(f"note: {damaged}; left out", file=sys.stderr)
     if len(inbox.damaged) > 20:

@@ -25,10 +25,10 @@ from analysis.models.mixed.glmm import CountedTrials, LaplaceLikelihood, fit_cro
 from analysis.models.mixed.inference import Draws, Inference
 from analysis.models.mixed.logit import (
     cluster_covariance,
+    firth_limits,
     fit_logit,
     information,
     likelihood_ratio_p,
-    profile_limits,
     separated,
 )
 from analysis.models.ordinal import OrderedLaw
@@ -208,7 +208,7 @@ def test_profile_limits_leave_out_zero_exactly_where_the_penalised_ratio_is_sign
     p = likelihood_ratio_p(*counted, firth=True)[1]
 
     for level in (1.0 - 1.01 * p, 1.0 - 0.99 * p):
-        low, high = profile_limits(*counted, level)[1]
+        low, high = firth_limits(*counted, level)[1]
         assert (low > 0 or high < 0) == (p < 1.0 - level)
 
 

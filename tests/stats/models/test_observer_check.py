@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.models.observers import check_observers
-from analysis.models.paired.paired_counts import probability
+from analysis.models.paired.paired_counts import choice_share
 
 
 def study(rng, *, spread, odd=None, people=11, trials=24, tail_df=None):
@@ -20,7 +20,7 @@ def study(rng, *, spread, odd=None, people=11, trials=24, tail_df=None):
         own[0] = 0.0
     if odd == "reversed":
         own[0] = -quality
-    share = probability(own[:, first] - own[:, second])
+    share = choice_share(own[:, first] - own[:, second])
     answers = rng.binomial(trials, share)
     votes = np.zeros((people, 3, 3))
     votes[:, first, second], votes[:, second, first] = answers, trials - answers

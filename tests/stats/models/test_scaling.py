@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from analysis.models.bootstrap import bootstrap_scale, bootstrap_scores, expanded_tail
 from analysis.models.clustered import holm
 from analysis.models.paired.paired_counts import (
+    choice_share,
     difference_design,
     has_maximum,
-    probability,
     solve_pairs,
 )
-from analysis.models.scaling import contrasts, scale
+from analysis.models.scaling import equal_scores, scale
 
 NAMES3 = ("a", "b", "c")
 
@@ -101,7 +101,7 @@ def test_a_batch_gives_what_its_entries_give_alone(seed):
 
 def test_likelihood_ratio_of_two_conditions_is_the_textbook_one():
     """By hand: 30 of 40 against one half, G² = 2 Σ O log(O / E)."""
-    (found,) = contrasts(np.array([[0, 30], [10, 0]]), ("a", "b"))
+    (found,) = equal_scores(np.array([[0, 30], [10, 0]]), ("a", "b"))
 
     by_hand = 2 * (30 * np.log(30 / 20) + 10 * np.log(10 / 20))
     assert found.statistic == pytest.approx(by_hand, abs=1e-8)
@@ -112,7 +112,7 @@ def test_likelihood_ratio_of_two_conditions_is_the_textbook_one():
 def test_contrast_of_merged_conditions_is_zero_where_they_are_alike():
     wins = np.array([[0, 5, 8], [5, 0, 8], [2, 2, 0]], dtype=float)
 
-    alike, *others = contrasts(wins, NAMES3)
+    alike, *others = equal_scores(wins, NAMES3)
 
     assert alike.statistic == pytest.approx(0.0, abs=1e-9)
     assert all(other.p < 0.1 for other in others)
@@ -127,7 +127,7 @@ def _votes(
         + rng.normal(0, scene_spread, (1, scenes, 3))
     )
     first, second = np.triu_indices(3, 1)
-    share = probability(own[..., first] - own[..., second])
+    share = choice_share(own[..., first] - own[..., second])
     answers = rng.binomial(repeats, share)
     votes = np.zeros((people, scenes, 3, 3))
     votes[..., first, second] = answers
@@ -183,7 +183,7 @@ def test_differences_without_an_effect_are_significant_as_seldom_as_they_say(
         votes = _votes(rng, spread=spread, scene_spread=scene_spread, quality=(0.0, 0.0, 0.0))
         limits = bootstrap_scale(votes, rng=rng, samples=300)
         wrong.append(limits.difference_p[np.triu_indices(3, 1)] < 0.05)
-        independent.append([c.p < 0.05 for c in contrasts(votes.sum(axis=(0, 1)), NAMES3)])
+        independent.append([c.p < 0.05 for c in equal_scores(votes.sum(axis=(0, 1)), NAMES3)])
 
     assert np.mean(wrong) <= 0.06 + 3.5 * np.sqrt(0.05 * 0.95 / (2 * studies))
     assert np.mean(independent) > 0.15
