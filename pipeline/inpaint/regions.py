@@ -53,7 +53,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.frame import Bools
 from pipeline.gl.compute import Resource, Shader
 from pipeline.gl.passes import Pass
 from protocols.limits import FIXED
@@ -269,12 +268,6 @@ class WorkLists(Pass):
         count, _ = self.entry_counts()[key]
         packed = self._read(self._entries)[item.first : item.first + count]
         return np.stack([packed >> 14 & 0x3FFF, packed & 0x3FFF, packed >> 28], axis=-1)
-
-    def active_tiles(self, key: RegionKey) -> Bools:
-        """Tiles of a region that were in it in the last frame: bool (rows, columns). Reads back."""
-        item = self._regions[key]
-        flags = self._read(self._active)[item.first : item.first + item.tiles]
-        return np.asarray(flags.reshape(-1, self._columns(item.resolution)) != 0)
 
     def _columns(self, resolution: int) -> int:
         """Tiles per row of a resolution."""

@@ -123,11 +123,8 @@ def load_warp_input(
     return WarpInput(SourceFrame(colour, depth_m), flow_px, target_m)
 
 
-def save_warp_input(path: Path, frame: WarpInput, *, half_colour: bool = False) -> None:
-    """Write RGBZ and flow into one OpenEXR file, as `load_warp_input` reads it.
-
-    Depth and flow are always stored as 32-bit float; `half_colour` halves the colour's
-    size at 11 bits of precision.
+def save_warp_input(path: Path, frame: WarpInput) -> None:
+    """Write RGBZ and flow into one OpenEXR file of 32-bit floats, as `load_warp_input` reads it.
 
     Raises
     ------
@@ -139,12 +136,10 @@ def save_warp_input(path: Path, frame: WarpInput, *, half_colour: bool = False) 
     if frame.target_depth_m is not None:
         planes.append(frame.target_depth_m[..., None])
         names.append("target.Z")
-    colour_type = "half" if half_colour else "float"
     write_pixels(
         path,
         np.concatenate(planes, axis=-1).astype(np.float32),
         names,
-        types=[colour_type] * 3 + ["float"] * (len(names) - 3),
         attributes={
             TRANSFER: Transfer.LINEAR.value,
             DEPTH_UNIT: "m",

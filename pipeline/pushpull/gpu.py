@@ -14,8 +14,8 @@ TILE = 8  # work-group edge, pixels
 class PyramidPass(Pass):
     """Fill the unknown pixels of one rgba32f texture of a fixed size, level by level.
 
-    What one level does is up to the two shaders that a subclass names: `down` halves `fine` into
-    `coarse`, `up` completes `fine` from `coarse` into `filled`.
+    The shader `pull` halves `fine` into `coarse`, `push` completes `fine` from `coarse` into
+    `filled`; a subclass says whether pixels count with the square of their weight.
 
     Compiles and allocates once, on construction. A call binds and dispatches: twice
     log2 of the longer edge, rounded up.
@@ -31,14 +31,14 @@ class PyramidPass(Pass):
         If the driver has no textures of this size.
     """
 
-    down: ClassVar[str]
-    up: ClassVar[str]
+    squared: ClassVar[bool]
 
     def __init__(self, ctx: moderngl.Context, size: tuple[int, int]) -> None:
         super().__init__(ctx)
         check_size(ctx, size)
-        self._down = self._shader(self.down, TILE=TILE)
-        self._up = self._shader(self.up, TILE=TILE)
+        constants = {"TILE": TILE, "SQUARED": self.squared}
+        self._down = self._shader("pushpull/pull.comp.glsl", **constants)
+        self._up = self._shader("pushpull/push.comp.glsl", **constants)
         self.size = size
         # A single pixel still gets a level below it, so that it takes the path of the others.
         sizes = coarser_sizes(size) or [(1, 1)]
@@ -70,8 +70,7 @@ class PyramidPass(Pass):
 class PushPullPass(PyramidPass):
     """Classic push-pull; weights are confidences in [0, 1]. Twin: reference.py."""
 
-    down = "pushpull/pull.comp.glsl"
-    up = "pushpull/push.comp.glsl"
+    squared = False
 
 
 def coarser_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:
@@ -86,5 +85,4 @@ def coarser_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:
 class WeightedPullPushPass(PyramidPass):
     """Pull-push with squared weights, as the note on hole filling has it."""
 
-    down = "pushpull/reduce.comp.glsl"
-    up = "pushpull/expand.comp.glsl"
+    squared = True

@@ -13,6 +13,7 @@
 #constant UNSEEN_VARIANCE
 
 #include "bounded.glsl"
+#include "interpolated.glsl"
 #include "ycbcr.glsl"
 
 // Resolutions stand below one another: 0 and coarser of colour, k + 1 and coarser of level k's
@@ -40,7 +41,6 @@ struct Taps { ivec2 a, b, c, d; vec4 weight; };
 Taps taps_at(vec2 place_px, int first, int r) {
     vec2 place = place_px / float(1 << r) - 0.5;
     ivec2 corner = ivec2(floor(place)), size = size_at(r);
-    vec2 part = place - floor(place), rest = 1.0 - part;
     int left = corner.x, right = corner.x + 1;
 #if WRAPS
     left = (left % size.x + size.x) % size.x;
@@ -52,7 +52,7 @@ Taps taps_at(vec2 place_px, int first, int r) {
     int above = row_at(first, r) + clamp(corner.y, 0, size.y - 1);
     int below = row_at(first, r) + clamp(corner.y + 1, 0, size.y - 1);
     return Taps(ivec2(left, above), ivec2(right, above), ivec2(left, below), ivec2(right, below),
-                vec4(rest.x * rest.y, part.x * rest.y, rest.x * part.y, part.x * part.y));
+                bilinear(place - floor(place)));
 }
 
 vec3 colour_at(vec2 place_px, int r) {
@@ -82,25 +82,21 @@ void add(inout Moments sum, float weight, uvec4 texel) {
 
 vec3 noise_bands(uint texel) { return unpackSnorm4x8(texel).rgb * (127.0 * GRAIN); }
 
-// A level's noise, of unit variance. Interpolated it has less, which is given back: look_up() in
-// noise/tile.py.
+// A level's noise, of unit variance: interpolated it has less, which is given back.
 vec3 noise_at(int k, vec2 place_px) {
     vec2 anchor = place_px * (float(NOISE_PER_TEXEL) / float(1 << k)) + vec2(noise_offset_px[k]);
     vec2 place = 2.0 * (anchor - 0.5);
-    vec2 part = place - floor(place), rest = 1.0 - part;
     ivec4 tile = noise_of_level[k];
     ivec2 a = ivec2(floor(place)), d = a + 1;
     a = ivec2((a.x % tile.z + tile.z) % tile.z, tile.x + (a.y % tile.y + tile.y) % tile.y);
     d = ivec2((d.x % tile.z + tile.z) % tile.z, tile.x + (d.y % tile.y + tile.y) % tile.y);
-    vec4 w = vec4(rest.x * rest.y, part.x * rest.y, rest.x * part.y, part.x * part.y);
+    vec4 w = bilinear(place - floor(place));
     vec3 found = w.x * noise_bands(texelFetch(noise_tiles, a, 0).r)
                + w.y * noise_bands(texelFetch(noise_tiles, ivec2(d.x, a.y), 0).r)
                + w.z * noise_bands(texelFetch(noise_tiles, ivec2(a.x, d.y), 0).r)
                + w.w * noise_bands(texelFetch(noise_tiles, d, 0).r);
-    vec4 lag = 2.0 * vec4(w.x * w.y + w.z * w.w, w.x * w.z + w.y * w.w, w.x * w.w, w.y * w.z);
-    float own = dot(w, w);
-    return found * inversesqrt(vec3(own) + vec3(dot(lag, noise_lags[0]), dot(lag, noise_lags[1]),
-                                                dot(lag, noise_lags[2])));
+    return found * inversesqrt(vec3(kept_variance(w, noise_lags[0]), kept_variance(w, noise_lags[1]),
+                                    kept_variance(w, noise_lags[2])));
 }
 
 float lost_energy(int k, float rho, float lod) {

@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.features.reference import band_constants, low_constants
 from pipeline.gl.passes import Pass
@@ -129,12 +128,6 @@ class VariancePass(Pass):
                 base=self._base.chain.at(k + 1),
                 **self._seen(k, level, depth_m),
             )
-
-    def level_of(self, texels: NDArray[np.float32], k: int) -> NDArray[np.float32]:
-        """Values of a level in `texels`, read back: (rows, columns, BANDS, 4)."""
-        columns, rows, left, top = self.places[k]
-        here = texels[top : top + rows, left : left + BANDS * columns]
-        return here.reshape(rows, columns, BANDS, 4)
 
     def _seen(
         self, k: int, level: moderngl.Texture, depth_m: moderngl.Texture

@@ -14,6 +14,7 @@
 
 #include "pixels.glsl"
 #include "guided.glsl"
+#include "interpolated.glsl"
 #include "taps.glsl"
 #include "ycbcr.glsl"
 
@@ -35,11 +36,6 @@ uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -
 #if ANCHOR == 2
 uniform mat4 source_from_target;
 #endif
-
-vec4 bilinear(vec2 fraction) {
-    vec2 rest = 1.0 - fraction;
-    return vec4(rest.x * rest.y, fraction.x * rest.y, rest.x * fraction.y, fraction.x * fraction.y);
-}
 
 vec2 anchor(ivec2 pixel, float depth) {
     vec2 here = vec2(pixel) + 0.5;
@@ -94,10 +90,8 @@ vec3 noise_bands(Pixel p, int level, int channel) {
                + w.y * imageLoad(noise, noise_texel(p.noise_corner + ivec2(1, 0)) + next).rgb
                + w.z * imageLoad(noise, noise_texel(p.noise_corner + ivec2(0, 1)) + next).rgb
                + w.w * imageLoad(noise, noise_texel(p.noise_corner + 1) + next).rgb;
-    vec4 lag = 2.0 * vec4(w.x * w.y + w.z * w.w, w.x * w.z + w.y * w.w, w.x * w.w, w.y * w.z);
-    vec3 variance = dot(w, w) + vec3(dot(lag, lag_correlation[3 * level]),
-                                     dot(lag, lag_correlation[3 * level + 1]),
-                                     dot(lag, lag_correlation[3 * level + 2]));
+    vec3 variance;
+    for (int band = 0; band < 3; ++band) variance[band] = kept_variance(w, lag_correlation[3 * level + band]);
     return bands * inversesqrt(variance);
 }
 

@@ -131,7 +131,9 @@ class Stages:
             of_band = [itself, magnitude, planes[..., 1:, 3], blue, red]
             self.moments.append(np.stack(of_band, axis=-1).reshape(rows, columns, 15))
             self.validity.append(planes[..., 0, 3])
-            here = fill_pass.variances.level_of(texels, k).astype(np.float64)
+            width, height, left, top = fill_pass.variances.places[k]
+            here = texels[top : top + height, left : left + 3 * width].astype(np.float64)
+            here = here.reshape(height, width, 3, 4)
             bands = here[..., :3].reshape(*here.shape[:2], 9)
             self.lacking.append(bands)
             self.guides.append(here[:, :, 0, 3])

@@ -6,6 +6,7 @@
 #constant TEXELS_PER_PX
 
 #include "weighed_noise.glsl"
+#include "interpolated.glsl"
 
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
@@ -17,7 +18,7 @@ uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -
 
 const int LAYERS = (3 * LEVELS + 15) / 16, WORDS = 4 * LAYERS;
 
-vec4 bands_of(uint word) {
+vec4 four_bands(uint word) {
     return vec4(ivec4(word << 24, word << 16, word << 8, word) >> 24);
 }
 
@@ -26,9 +27,8 @@ struct Bands { vec4 of[WORDS]; };
 
 Bands bands_at(ivec2 pixel) {
     vec2 at = float(TEXELS_PER_PX) * (vec2(pixel) - texelFetch(shift_px, pixel, 0).rg);
-    vec2 part = at - floor(at), rest = 1.0 - part;
     ivec2 last = textureSize(noise, 0).xy - 1, a = ivec2(floor(at)) & last, d = (a + 1) & last;
-    vec4 share = vec4(rest.x * rest.y, part.x * rest.y, rest.x * part.y, part.x * part.y);
+    vec4 share = bilinear(at - floor(at));
     Bands bands;
     for (int layer = 0; layer < LAYERS; ++layer) {
         uvec4 at_a = texelFetch(noise, ivec3(a, layer), 0);
@@ -36,15 +36,12 @@ Bands bands_at(ivec2 pixel) {
         uvec4 at_c = texelFetch(noise, ivec3(a.x, d.y, layer), 0);
         uvec4 at_d = texelFetch(noise, ivec3(d, layer), 0);
         for (int i = 0; i < 4; ++i)
-            bands.of[4 * layer + i] = share.x * bands_of(at_a[i]) + share.y * bands_of(at_b[i])
-                                    + share.z * bands_of(at_c[i]) + share.w * bands_of(at_d[i]);
+            bands.of[4 * layer + i] = share.x * four_bands(at_a[i]) + share.y * four_bands(at_b[i])
+                                    + share.z * four_bands(at_c[i]) + share.w * four_bands(at_d[i]);
     }
     // Interpolated noise has less variance, which is given back.
-    vec4 lag = 2.0 * vec4(share.x * share.y + share.z * share.w, share.x * share.z + share.y * share.w,
-                          share.x * share.w, share.y * share.z);
-    float own = dot(share, share);
     for (int band = 0; band < 3 * LEVELS; ++band)
-        bands.of[band / 4][band % 4] *= inversesqrt(own + dot(lag, lag_correlation[band]));
+        bands.of[band / 4][band % 4] *= inversesqrt(kept_variance(share, lag_correlation[band]));
     return bands;
 }
 
