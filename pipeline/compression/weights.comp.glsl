@@ -1,7 +1,7 @@
 #version 430
 // Weights: what each block of 4x4 pixels multiplies every band's noise by, from the maps of what was
 // lost. A call makes 2x2 blocks, which share spectral gains. Twin: wanted_of() in lost.py and
-// shaped_noise() in foveation/reference.py. Change both or neither.
+// lost_noise() in foveation/reference.py. Change both or neither.
 
 #constant TILE      // work-group edge, 2x2 blocks
 #constant MAP_ROWS  // of each map

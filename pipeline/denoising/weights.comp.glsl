@@ -1,7 +1,7 @@
 #version 430
 // Weights: what each block of 4x4 pixels multiplies every band's noise by, from maps of deviations.
 // A call makes 2x2 blocks, which share spectral gains. Twin: metamer_of() in maps.py and
-// shaped_noise() in foveation/reference.py. Change both or neither.
+// lost_noise() in foveation/reference.py. Change both or neither.
 
 #constant TILE  // work-group edge, 2x2 blocks
 

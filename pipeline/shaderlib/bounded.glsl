@@ -35,7 +35,7 @@ Normal normal_at(vec3 share) {
     return Normal(mix(-place, place, greaterThan(share, vec3(0.5))), tail * hazard);
 }
 
-// Twin: slope_of().
+// Twin: pool_slope().
 vec3 slope_of(vec3 filled, vec3 most, vec3 density) {
     const float root_of_pi = 1.77245385;
     vec3 left = root_of_pi * most * (1.0 - filled);

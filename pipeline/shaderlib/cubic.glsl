@@ -1,4 +1,4 @@
-// Pictures looked up between pixels by a cubic spline. Twin: look_up() in foveation/displacement.py.
+// Pictures looked up between pixels by a cubic spline. Twin: look_up_cubic() in foveation/displacement.py.
 
 #constant CUBIC  // Keys' parameter
 

@@ -1,7 +1,7 @@
 #version 430
 // Gains: what each block of 4x4 pixels multiplies every band's noise by. A call makes 2x2 blocks, with
 // one spectral gain: what bands measure of each other is most of the work.
-// Twin: wanted_by_blocks() in pooled_moments.py, shaped_noise() in reference.py. Change both or neither.
+// Twin: wanted_by_blocks() in pooled_moments.py, lost_noise() in reference.py. Change both or neither.
 
 #constant TILE               // work-group edge, 2x2 blocks
 #constant SMALLEST_VARIANCE  // added to what is divided by
