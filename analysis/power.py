@@ -309,7 +309,7 @@ def _significant(
     rng: np.random.Generator,
     tables: Sequence[AnyPart],
 ) -> tuple[dict[str, Bools], dict[str, Floats]]:
-    """Return which tests are significant, and the share of studies with any that should not be."""
+    """Return the tests that are significant, and the share of studies with any wrong one."""
     alpha, nothing = simulation.plan.alpha, _nothing(simulation, taken)
     # A statistic of a lab may be about all that is shown, not the planned test's part of it.
     lab = len(with_added(simulation.parts)) > len(simulation.parts)

@@ -4,9 +4,10 @@ Arrays are (row, column[, channel]), x to the right and y down. The centre of th
 row i and column j lies at x = j + 0.5, y = i + 0.5.
 """
 
+import operator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, SupportsIndex, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,3 +182,20 @@ def _check_every(
             f"{name} must be {rule} (got {array[row, column]} at row {row}, column {column}{more})"
             + cure
         )
+
+
+def check_seed(seed: SupportsIndex) -> int:
+    """Return `seed` as an int.
+
+    Raises
+    ------
+    InputError
+        If it is not a whole number from 0 to 2**63 - 1.
+    """
+    try:
+        value = operator.index(seed)
+    except TypeError:
+        value = -1
+    if isinstance(seed, bool) or not 0 <= value < 1 << 63:
+        raise InputError(f"seed must be a whole number from 0 to 2**63 - 1 (got {seed!r})")
+    return value

@@ -36,9 +36,8 @@ from pipeline.compression.lost import (
     with_noise,
 )
 from pipeline.errors import InputError
-from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.picture_fixation import float_picture
-from pipeline.frame import Floats
+from pipeline.frame import Floats, check_seed
 
 Bytes = NDArray[np.uint8]
 

@@ -18,7 +18,6 @@ from pipeline.compression.compressed_file import CompressedPicture, atlas_shape
 from pipeline.errors import InputError
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.picture_pass import (
     TILE,
     PicturePass,
@@ -30,6 +29,7 @@ from pipeline.foveation.picture_pass import (
 )
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
+from pipeline.frame import check_seed
 from pipeline.gl.compute import Shader
 from pipeline.gl.shader import Constant
 from pipeline.gl.texture import check_texture, create_texture, read_back, upload

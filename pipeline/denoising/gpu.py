@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from pipeline.denoising.maps import BLOCK_PX, MomentMaps
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.picture_pass import (
     TILE,
     PicturePass,
@@ -23,6 +22,7 @@ from pipeline.foveation.picture_pass import (
 )
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
+from pipeline.frame import check_seed
 from pipeline.gl.texture import check_texture, create_texture, read_back, upload
 from pipeline.noise.gains import gain_constants
 

@@ -26,11 +26,11 @@ from pipeline.foveation.displacement import (
 )
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.gpu import Call, FoveationPass
-from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.picture_pass import TILE, PicturePass, PoolUniforms, halved, resolutions
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.pooling import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.sphere import FINEST
+from pipeline.frame import check_seed
 from pipeline.gl.compute import Dispatch, Dispatches, Resource, Shader, of_int
 from pipeline.gl.shader import Constant
 from pipeline.noise.tile import WHITE_BITS, WHITE_DEVIATION, Stream, key_of

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.chain_gpu import MomentChainPass, given
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.noise_plane import carried_noise, check_seed, tile_edge
+from pipeline.foveation.noise_plane import carried_noise, tile_edge
 from pipeline.foveation.picture_fixation import Colour, PictureFixation
 from pipeline.foveation.picture_pass import (
     PicturePass,
@@ -30,6 +30,7 @@ from pipeline.foveation.picture_pass import (
     weight_layers,
 )
 from pipeline.foveation.pooling import FADE_SHARE, MetamerSettings, Pooling
+from pipeline.frame import check_seed
 from pipeline.gl.compute import Dispatch, Dispatches, Shader, let_go
 from pipeline.gl.texture import check_texture, create_texture, texture_from, upload
 from pipeline.noise.gains import LAGS, fitted_mixing

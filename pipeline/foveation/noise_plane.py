@@ -14,7 +14,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
 from pipeline.frame import Floats
 from pipeline.noise.gains import fitted_mixing
 from pipeline.noise.tile import (
@@ -33,17 +32,8 @@ Halves = NDArray[np.float16]
 """Steps of `GRAIN` are exact in it."""
 
 LARGEST_TILE = 1024  # edge, pixels: beyond it memory would grow and little would be gained
-LARGEST_SEED = 2**63 - 1
 GRAIN = 2.0**-4  # step of the noise, deviations
 MOST_STEPS = 127  # to either side: 8 deviations
-
-
-def check_seed(seed: int) -> int:
-    """Require a whole number from 0 to 2**63 - 1."""
-    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
-    if not whole or not 0 <= int(seed) <= LARGEST_SEED:
-        raise InputError(f"seed must be a whole number from 0 to 2**63 - 1 (got {seed!r})")
-    return int(seed)
 
 
 def tile_edge(height: int, width: int) -> int:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry, check_edges, check_gaze
-from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.pooling import Pooling, Pools
+from pipeline.frame import check_seed
 
 Colour = NDArray[np.float32]
 

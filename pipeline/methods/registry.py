@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import GLUnavailableError, InputError, MissingExtraError
-from pipeline.frame import WarpedFrame
+from pipeline.frame import WarpedFrame, check_seed
 from pipeline.methods.method import Method
 from pipeline.named_classes import NamedClass, check_given, defaults_of, find
-from pipeline.synthesis.settings import check_seed
 
 
 def _with_plugins(shipped: tuple[NamedClass, ...]) -> tuple[NamedClass, ...]:

@@ -9,13 +9,14 @@ import moderngl
 import numpy as np
 
 from pipeline.features.reference import band_constants, low_constants
+from pipeline.frame import check_seed
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import check_size
 from pipeline.printed.reference import TILE as NOISE_TILE
 from pipeline.printed.reference import PrintedSettings, printed_noise
 from pipeline.pushpull.gpu import coarser_sizes
-from pipeline.synthesis.settings import ANCHOR_REACH_PX, check_seed
+from pipeline.synthesis.settings import ANCHOR_REACH_PX
 
 TILE = 8  # work-group edge, pixels
 BANDS = (3, 2)  # planes of a level: bands side by side, means and squares

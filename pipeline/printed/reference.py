@@ -32,11 +32,11 @@ from pipeline.features.reference import (
     halve,
     synthesise,
 )
-from pipeline.frame import Floats, Ints, WarpedFrame, check_some_known
+from pipeline.frame import Floats, Ints, WarpedFrame, check_seed, check_some_known
 from pipeline.inpaint.reference import GuidedLevel, children, guide_from_depth, pull
 from pipeline.noise.tile import white_noise
 from pipeline.pushpull.reference import upsample
-from pipeline.synthesis.settings import ANCHOR_REACH_PX, check_seed
+from pipeline.synthesis.settings import ANCHOR_REACH_PX
 
 
 @dataclass(frozen=True)

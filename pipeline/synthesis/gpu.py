@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.frame import Floats
+from pipeline.frame import Floats, check_seed
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
 from pipeline.inpaint.gpu import GuidedBasePass
@@ -19,7 +19,6 @@ from pipeline.synthesis.reference import SMALLEST_LACKING
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
-    check_seed,
     check_source_from_target,
 )
 

@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import rgb_from_ycbcr
-from pipeline.frame import Floats, WarpedFrame, check_some_known
+from pipeline.frame import Floats, WarpedFrame, check_seed, check_some_known
 from pipeline.inpaint.reference import GuidedLevel, guide_from_depth, guided_base, guided_mean
 from pipeline.noise.tile import NoiseBands, look_up, noise_bands
 from pipeline.statistics.reference import inpainted_statistics
 from pipeline.synthesis.settings import (
     ANCHOR_REACH_PX,
     MetamericSettings,
-    check_seed,
     check_source_from_target,
 )
 

@@ -1,8 +1,7 @@
 """Settings of a metameric fill: one place, shared by both twins."""
 
-import operator
 from dataclasses import dataclass, fields
-from typing import Literal, SupportsIndex, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -16,24 +15,6 @@ Anchor = Literal["flow", "camera", "screen"]
 
 # Noise is looked up at most this far outside: float32 tells 1/128 px apart there.
 ANCHOR_REACH_PX = 65536.0
-SEEDS = 1 << 63  # whole numbers below this are seeds, as in a study
-
-
-def check_seed(seed: SupportsIndex) -> int:
-    """Return `seed` as an int.
-
-    Raises
-    ------
-    InputError
-        If it is not a whole number from 0 to 2**63 - 1.
-    """
-    try:
-        value = operator.index(seed)
-    except TypeError:
-        value = -1
-    if isinstance(seed, bool) or not 0 <= value < SEEDS:
-        raise InputError(f"seed must be a whole number from 0 to 2**63 - 1 (got {seed!r})")
-    return value
 
 
 def check_source_from_target(matrix: Floats | None) -> Floats:

@@ -16,8 +16,8 @@ from importlib import resources
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, check_seed, grained
-from pipeline.frame import Floats, Ints
+from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, grained
+from pipeline.frame import Floats, Ints, check_seed
 from pipeline.noise.gains import LAGS, UNSEEN_VARIANCE
 from pipeline.noise.tile import NoiseBands, look_up, midway, split, unit, white_steps
 from pipeline.textures.bake import Layout

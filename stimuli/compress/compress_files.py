@@ -24,7 +24,7 @@ from pipeline.compression.gpu import DecompressPass
 from pipeline.compression.grid import PolarGrid
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.noise_plane import check_seed
+from pipeline.frame import check_seed
 from pipeline.pictures import drawing
 from pipeline.pictures.drawing import Picture
 from pipeline.pictures.size_limits import check_need

@@ -14,8 +14,8 @@ from pipeline.denoising.maps import Sampling, composed, metamer_of
 from pipeline.denoising.network import DenoisingNetwork, Kind, NetworkFacts, shipped_network
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.pooling import Pools
+from pipeline.frame import check_seed
 from pipeline.pictures import drawing
 from pipeline.pictures.colour_file import PictureReading, save_colour
 from stimuli.denoise.path_traced import (

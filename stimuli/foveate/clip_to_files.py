@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator
-from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.steady_gaze import SteadyGaze, carried
+from pipeline.frame import check_seed
 from pipeline.named_classes import Choice
 from pipeline.pictures.colour_file import PictureReading, check_drawable
 from pipeline.pictures.depth_and_flow import read_flo

@@ -10,8 +10,8 @@ import moderngl
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry
-from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.view import around_gaze, scored_view
+from pipeline.frame import check_seed
 from pipeline.gl.context import describe
 from pipeline.named_classes import Choice
 from pipeline.pictures import drawing

@@ -9,13 +9,12 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frame import WarpedFrame
+from pipeline.frame import WarpedFrame, check_seed
 from pipeline.methods.registry import fill
 from pipeline.named_classes import Choice
 from pipeline.pictures import drawing
 from pipeline.pictures.warp_input import WarpInput
 from pipeline.quality import SSIM_LEAST_PX, KnownTruth, Quality, evaluate, interior
-from pipeline.synthesis.settings import check_seed
 from pipeline.warp.gpu import warp_frame
 from pipeline.warp.settings import WarpSettings
 

@@ -8,13 +8,13 @@ from cameras import wide_camera
 
 from pipeline.camera import reprojection
 from pipeline.errors import InputError
-from pipeline.frame import WarpedFrame
+from pipeline.frame import WarpedFrame, check_seed
 from pipeline.inpaint.reference import GuidedLevel, guided_base
 from pipeline.methods.metameric import PushPullDepth
 from pipeline.statistics.moments import known_background, luma_moments, noise_variances
 from pipeline.statistics.reference import inpainted_statistics
 from pipeline.synthesis.reference import deviations, metameric_fill, sample
-from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_seed
+from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings
 
 
 def statistics(mean, magnitude, square, of_chroma):

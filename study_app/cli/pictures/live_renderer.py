@@ -15,10 +15,10 @@ from pipeline.errors import InputError
 from pipeline.foveation.conditions import Foveator, check_live
 from pipeline.foveation.geometry import Equirectangular, Flat, FlatGeometry
 from pipeline.foveation.gpu import OPAQUE
-from pipeline.foveation.noise_plane import check_seed
 from pipeline.foveation.panorama_gpu import ViewPass
 from pipeline.foveation.picture_pass import CutPass
 from pipeline.foveation.steady_gaze import SteadyGaze
+from pipeline.frame import check_seed
 from pipeline.gl.texture import create_texture, texture_bytes, upload
 from pipeline.named_classes import Choice
 from pipeline.pictures.colour_file import PictureReading, read_any

@@ -35,7 +35,7 @@ class Row:
 
 ROWS = [Row("ours", Part(1.234, 1.0, 1.5, 0.0004)), Row("blur", Part(0.1, -math.inf, 2.0, 0.5))]
 TABLE = ResultTable.of(
-    "What differs",
+    "Differences",
     ROWS,
     attribute("Name", "name", str.upper, "l"),
     *within(attrgetter("part"), (estimated("Value", "value"), limits(), P_VALUE)),
