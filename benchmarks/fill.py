@@ -28,7 +28,7 @@ from benchmarks.shared.dispatches import Copy, dispatches_of
 from benchmarks.shared.output import PagePart, conditions, file_to_write, write_record
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.gl.context import create_context, describe, measure, release_context
+from pipeline.gl.context import create_context, describe, release_context, timed_runs
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.methods.registry import create_method
@@ -150,7 +150,7 @@ class TimedFrame:
         )
 
     def _once(self, work: Callable[[], None]) -> float:
-        return measure(self.ctx, work, repeats=1, warm_up=0).median_ms
+        return timed_runs(self.ctx, work, repeats=1, warm_up=0).median_ms
 
     def work(self, method: str) -> tuple[Callable[[], None], int | None, Callable[[], None]]:
         """Work to time, the bytes it holds, and how to free it."""

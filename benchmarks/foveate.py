@@ -44,7 +44,13 @@ from benchmarks.shared.output import (
 from pipeline.foveation.conditions import Foveator
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.gpu import FoveationPass
-from pipeline.gl.context import GraphicsDriver, create_context, describe, measure, release_context
+from pipeline.gl.context import (
+    GraphicsDriver,
+    create_context,
+    describe,
+    release_context,
+    timed_runs,
+)
 from pipeline.gl.texture import create_texture, texture_from
 
 PART = PagePart("foveation times")
@@ -86,11 +92,11 @@ class Turns:
         found = cls({name: [] for name in works}, {name: [] for name in works},
                     describe(ctx).software)  # fmt: skip
         for work in works.values():
-            measure(ctx, work, repeats=1, warm_up=1)
+            timed_runs(ctx, work, repeats=1, warm_up=1)
         for _ in range(repeats):
             for name, work in works.items():
                 cpu_s = time.process_time()
-                found.wall[name].append(measure(ctx, work, repeats=1, warm_up=0).median_ms)
+                found.wall[name].append(timed_runs(ctx, work, repeats=1, warm_up=0).median_ms)
                 found.cpu[name].append(1e3 * (time.process_time() - cpu_s))
         return found
 

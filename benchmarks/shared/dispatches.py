@@ -9,7 +9,7 @@ from typing import Any
 import moderngl
 
 from pipeline.gl.compute import Shader
-from pipeline.gl.context import describe, measure
+from pipeline.gl.context import describe, timed_runs
 from pipeline.gl.shader import ShaderSource
 
 Dispatch = Callable[[], None]
@@ -53,7 +53,7 @@ def timed_dispatches(ctx: moderngl.Context) -> Iterator[list[tuple[str, float]]]
     software = describe(ctx).software
 
     def timed(shader: str, dispatch: Dispatch) -> None:
-        timing = measure(ctx, dispatch, repeats=1, warm_up=0)
+        timing = timed_runs(ctx, dispatch, repeats=1, warm_up=0)
         found.append((shader, timing.wall_ms[0] if software else timing.median_ms))
 
     with _replaced(timed):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import moderngl
 
 from benchmarks.shared.dispatches import nothing_dispatched, timed_dispatches
-from pipeline.gl.context import describe, measure
+from pipeline.gl.context import describe, timed_runs
 
 Work = Callable[[], object]
 CLOCK_UP_S = 0.2  # graphics cards rest at a sixth of their clock, and take this long to rise
@@ -67,7 +67,7 @@ def frame_cost(ctx: moderngl.Context, work: Work, *, repeats: int) -> FrameCost:
     """Measure one frame's work after a warm-up: `repeats` times, fewer where one takes long."""
     repeats = max(1, min(repeats, int(MOST_S / _clock_up(ctx, work))))
     passes = time_passes(ctx, work, repeats)
-    frame_ms = statistics.median(measure(ctx, work, repeats=repeats, warm_up=0).wall_ms)  # type: ignore[arg-type]
+    frame_ms = statistics.median(timed_runs(ctx, work, repeats=repeats, warm_up=0).wall_ms)  # type: ignore[arg-type]
     return FrameCost(passes, frame_ms, _host_ms(ctx, work), _python_calls(ctx, work))
 
 

@@ -25,7 +25,7 @@ def chain_length(width_px: int, height_px: int) -> int:
     return count
 
 
-def halve(image: Floats, *, wraps: bool) -> Floats:
+def halve_around(image: Floats, *, wraps: bool) -> Floats:
     """Low-pass (H, W, channels) and keep every second pixel."""
     if not wraps:
         return plain_halve(image)
@@ -34,7 +34,7 @@ def halve(image: Floats, *, wraps: bool) -> Floats:
     return plain_halve(np.pad(image, sides, mode="wrap"))[:, 1 : 1 + (width + 1) // 2]
 
 
-def band(image: Floats, kernel: Floats, *, wraps: bool) -> Floats:
+def band_around(image: Floats, kernel: Floats, *, wraps: bool) -> Floats:
     """Correlate (H, W, channels) with a 3x3 kernel of zero sum."""
     if not wraps:
         return plain_band(image, kernel)
@@ -75,7 +75,7 @@ def chain_of(image: Floats, count: int, *, wraps: bool) -> list[Floats]:
     """`image` (H, W, channels) and `count` halvings of it."""
     chain = [image]
     for _ in range(count):
-        chain.append(halve(chain[-1], wraps=wraps))
+        chain.append(halve_around(chain[-1], wraps=wraps))
     return chain
 
 

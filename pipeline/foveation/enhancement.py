@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.colour import ycbcr_from_rgb
-from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve, select
+from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_around, select
 from pipeline.foveation.geometry import pixel_centres
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.pooling import Pools, lod_of
@@ -137,7 +137,7 @@ def _octave_variance(chain: Sequence[Floats], level: int, *, wraps: bool) -> Flo
     """Around each texel one halving coarser, for zero crossings are no lack of contrast."""
     fine = chain[level]
     octave = fine - enlarge(chain[level + 1], fine.shape[:2], 1, wraps=wraps)
-    return halve(octave**2, wraps=wraps)
+    return halve_around(octave**2, wraps=wraps)
 
 
 def contrast_enhanced(

@@ -30,7 +30,7 @@ from scipy.special import ndtr, ndtri
 
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import fitted_kernels
-from pipeline.foveation.chain import band, chain_of, enlarge, halve, halve_box, select
+from pipeline.foveation.chain import band_around, chain_of, enlarge, halve_around, halve_box, select
 from pipeline.foveation.pooling import Pools, halving_variance
 from pipeline.frame import Floats
 
@@ -81,7 +81,7 @@ def coefficient_moments(low_rgb: Floats, *, wraps: bool) -> Floats:
     """Moments of the single coefficients of a level, packed: (h, w, 14)."""
     ycc = ycbcr_from_rgb(low_rgb).astype(np.float64)
     kernels = fitted_kernels().bands()
-    bands = np.stack([band(ycc, kernel, wraps=wraps) for kernel in kernels], axis=2)
+    bands = np.stack([band_around(ycc, kernel, wraps=wraps) for kernel in kernels], axis=2)
     luma, chroma = bands[..., 0], bands[..., 1:]
     cross = (luma[..., None] * chroma).sum(axis=2)
     return LevelMoments(luma**2, luma, cross, chroma**2).packed()
@@ -91,7 +91,7 @@ def moment_chain(low_rgb: Floats, count: int, *, wraps: bool) -> list[Floats]:
     """A level's moments at the next `count` resolutions below it, packed."""
     chain = [halve_box(coefficient_moments(low_rgb, wraps=wraps))]
     while len(chain) < count:
-        chain.append(halve(chain[-1], wraps=wraps))
+        chain.append(halve_around(chain[-1], wraps=wraps))
     return chain
 
 

@@ -236,7 +236,7 @@ class Timing:
         return gpu if gpu > COUNTED_FROM_MS else statistics.median(self.wall_ms)
 
 
-def measure(
+def timed_runs(
     ctx: moderngl.Context, work: Callable[[], None], *, repeats: int = 20, warm_up: int = 3
 ) -> Timing:
     """Run `work` repeatedly and time each run from idle to idle.

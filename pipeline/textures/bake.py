@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.foveation.chain import chain_length, halve, halve_box
+from pipeline.foveation.chain import chain_length, halve_around, halve_box
 from pipeline.foveation.pooled_moments import coefficient_moments
 from pipeline.frame import Floats
 from protocols.limits import FIXED
@@ -172,7 +172,7 @@ class Cascade:
         count = layout.halvings
 
         def halving() -> RowOperator:
-            return RowOperator(lambda rows: halve(rows, wraps=wraps), 2, 1)
+            return RowOperator(lambda rows: halve_around(rows, wraps=wraps), 2, 1)
 
         self._lows = [halving() for _ in range(count)]
 

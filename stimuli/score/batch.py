@@ -137,12 +137,12 @@ def subjects_of_two(test: Path, truth: Path, mask: Path | None, fps: float) -> S
             f" {'folder' if truth.is_dir() else 'picture'})"
         )
     pictures = not test.is_dir()
-    ours, theirs = ((test,), (truth,)) if pictures else (frames_in(test), frames_in(truth))
+    ours, theirs = ((test,), (truth,)) if pictures else (scored_frames(test), scored_frames(truth))
     masks: tuple[Path, ...] = ()
     if mask is not None:
         if not mask.exists():
             raise StudyError(f"{mask}: the mask must exist (there is no such file or folder)")
-        masks = frames_in(mask) if mask.is_dir() else (mask,)
+        masks = scored_frames(mask) if mask.is_dir() else (mask,)
     _check_lengths(test.name, len(ours), len(theirs), len(masks))
     if not pictures and len(ours) == 1:
         raise StudyError(
@@ -156,7 +156,7 @@ def subjects_of_two(test: Path, truth: Path, mask: Path | None, fps: float) -> S
     return Subjects(items, {"test": name, "reference": rival}, ())
 
 
-def frames_in(folder: Path) -> tuple[Path, ...]:
+def scored_frames(folder: Path) -> tuple[Path, ...]:
     """Return the pictures of a folder, by name.
 
     Raises

@@ -9,7 +9,7 @@ import pytest
 from pipeline.colour import YCBCR_FROM_RGB
 from pipeline.errors import InputError
 from pipeline.foveation import energy
-from pipeline.foveation.chain import enlarge, halve
+from pipeline.foveation.chain import enlarge, halve_around
 from pipeline.foveation.conditions import condition_parameters, create_condition, foveate
 from pipeline.foveation.energy import EnergyMetamer, PooledEnergies, quadrature_pairs
 from pipeline.foveation.geometry import Equirectangular, Flat
@@ -88,7 +88,7 @@ def test_halving_and_doubling_agree_with_numpy(torch, rng, size, viewing):
     small = model.halve(tensor)[0].permute(1, 2, 0).numpy()
     large = model.double(tensor, (2 * size[0] - 1, 2 * size[1]))[0].permute(1, 2, 0).numpy()
 
-    np.testing.assert_allclose(small, halve(image, wraps=model.wraps), atol=1e-6)
+    np.testing.assert_allclose(small, halve_around(image, wraps=model.wraps), atol=1e-6)
     twice = enlarge(image, (2 * size[0] - 1, 2 * size[1]), 1, wraps=model.wraps)
     np.testing.assert_allclose(large, twice, atol=1e-6)
 

@@ -7,7 +7,7 @@ from skimage import data
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
 from pipeline.foveation import reference
-from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve, select
+from pipeline.foveation.chain import chain_length, chain_of, enlarge, halve_around, select
 from pipeline.foveation.displacement import (
     DisplacementSettings,
     displacement_px,
@@ -99,12 +99,12 @@ def test_halving_and_doubling_wrap_as_if_the_picture_were_repeated(rng, width):
     image = rng.random((8, width, 2))
     thrice = np.concatenate([image] * 3, axis=1)
     if width % 2 == 0:
-        plain = halve(thrice, wraps=False)[:, width // 2 : width]
-        np.testing.assert_allclose(halve(image, wraps=True), plain, atol=1e-15)
+        plain = halve_around(thrice, wraps=False)[:, width // 2 : width]
+        np.testing.assert_allclose(halve_around(image, wraps=True), plain, atol=1e-15)
         doubled = enlarge(thrice, (8, 6 * width), 1, wraps=False)[:, 2 * width : 4 * width]
         np.testing.assert_allclose(enlarge(image, (8, 2 * width), 1, wraps=True), doubled)
     else:
-        np.testing.assert_allclose(halve(np.ones((8, width, 1)), wraps=True), 1, atol=1e-15)
+        np.testing.assert_allclose(halve_around(np.ones((8, width, 1)), wraps=True), 1, atol=1e-15)
 
 
 def test_fovea_is_copied_bit_for_bit_and_the_rest_changes():

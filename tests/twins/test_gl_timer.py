@@ -3,13 +3,13 @@
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.gl.context import Timing, measure
+from pipeline.gl.context import Timing, timed_runs
 
 
 def test_work_is_run_for_warming_up_and_for_every_repeat(gl_context):
     runs = []
 
-    timing = measure(gl_context, lambda: runs.append(None), repeats=4, warm_up=2)
+    timing = timed_runs(gl_context, lambda: runs.append(None), repeats=4, warm_up=2)
 
     assert len(runs) == 6
     assert len(timing.gpu_ms) == len(timing.wall_ms) == 4
@@ -21,14 +21,14 @@ def test_a_mistake_in_the_work_is_not_swallowed(gl_context):
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        measure(gl_context, work, warm_up=0)
-    measure(gl_context, lambda: None, repeats=1, warm_up=0)  # the clock is free again
+        timed_runs(gl_context, work, warm_up=0)
+    timed_runs(gl_context, lambda: None, repeats=1, warm_up=0)  # the clock is free again
 
 
 @pytest.mark.parametrize(("repeats", "warm_up"), [(0, 3), (-1, 3), (5, -1)])
 def test_counts_that_make_no_sense_are_refused(gl_context, repeats, warm_up):
     with pytest.raises(InputError, match=rf"\(got {repeats} and {warm_up}\)"):
-        measure(gl_context, lambda: None, repeats=repeats, warm_up=warm_up)
+        timed_runs(gl_context, lambda: None, repeats=repeats, warm_up=warm_up)
 
 
 def test_the_median_is_the_gpus_where_its_clock_counts():
