@@ -60,7 +60,7 @@ class StudyReadings:
 
 
 def read_study(
-    folder: Path, protocol: StudyProtocol, *, progress: Progress | None = None
+    folder: Path, study: StudyProtocol, *, progress: Progress | None = None
 ) -> StudyReadings:
     """Read every journal below `folder`.
 
@@ -102,41 +102,40 @@ def read_study(
             f"{folder}: must hold at least one readable session"
             f" (none of {len(paths)} journals can be used): " + "; ".join(notes)
         )
-    _check_one_study(folder, readings, protocol)
+    _check_one_study(folder, readings, study)
     notes += _note_manifests(readings)
     for number, reading in enumerate(readings):
         if progress:
             progress("checking what was recorded", number, len(readings))
-        readings[number] = _checked(reading, protocol)
+        readings[number] = _checked(reading, study)
     if progress:
         progress("checking what was recorded", len(readings), len(readings))
     every = (*notes, *_not_vouched_for(readings))
     return StudyReadings(tuple(readings), every, withdrew, unreadable)
 
 
-def _checked(reading: JournalReading, protocol: StudyProtocol) -> JournalReading:
+def _checked(reading: JournalReading, study: StudyProtocol) -> JournalReading:
     """Return a session compared with its plan and its files."""
     journal = reading.journal
-    plan = plan_of(protocol, reading.start)
-    made = frozenset(entry.name for entry in protocol.stimuli.pool())
+    plan = plan_of(study, reading.start)
+    made = frozenset(entry.name for entry in study.stimuli.pool())
     wrong: dict[int, str] = {}
     if plan is not None:
         wrong = {
-            attempt.n: reason
-            for attempt, reason in contradictions(protocol, plan, journal.attempts)
+            attempt.n: reason for attempt, reason in contradictions(study, plan, journal.attempts)
         }
     for attempt in journal.attempts:
         if attempt.n in wrong:
             continue
         try:
-            row = protocol.task.row(attempt)
+            row = study.task.row(attempt)
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             if plan is not None and (said := culprit(error)):  # the attempt is as planned
                 raise StudyError(said) from error
             wrong[attempt.n] = f"{attempt.trial}: must be a trial of the study's task ({error!r})"
             continue
-        check_row(protocol.task, protocol.pool, row)
-        if unknown := _unknown(protocol, row, attempt.stimulus_names, made):
+        check_row(study.task, study.pool, row)
+        if unknown := _unknown(study, row, attempt.stimulus_names, made):
             wrong[attempt.n] = f"{attempt.trial}: {unknown}"
     if wrong:
         journal = replace(
@@ -152,15 +151,15 @@ def _checked(reading: JournalReading, protocol: StudyProtocol) -> JournalReading
 
 
 def _unknown(
-    protocol: StudyProtocol, row: Mapping[str, object], shown: Sequence[str], made: frozenset[str]
+    study: StudyProtocol, row: Mapping[str, object], shown: Sequence[str], made: frozenset[str]
 ) -> str:
     """Return the part of an attempt that the study does not have; nothing where all is known.
 
     The plan tells more, where it comes out as it was recorded.
     """
-    task = protocol.task
+    task = study.task
     if isinstance(task, PairTask):
-        known = tuple(map(str, protocol.stimuli.values(task.compare)))
+        known = tuple(map(str, study.stimuli.values(task.compare)))
         for side in ("first", "second"):
             if row[side] not in known:
                 return f"{side} must be one of {', '.join(known)} (got {row[side]})"
@@ -201,7 +200,7 @@ def _named(names: Sequence[str]) -> str:
 
 
 def _check_one_study(
-    folder: Path, readings: Sequence[JournalReading], protocol: StudyProtocol
+    folder: Path, readings: Sequence[JournalReading], study: StudyProtocol
 ) -> None:
     hashes: dict[str, list[str]] = {}
     for reading in readings:
@@ -212,10 +211,10 @@ def _check_one_study(
             f" {_each(hashes)}); analyse each study separately"
         )
     (digest,) = hashes
-    if digest != protocol.sha256:
+    if digest != study.sha256:
         raise StudyError(
-            f"{folder}: sessions must follow the protocol given ({protocol.study.name},"
-            f" {protocol.sha256[:12]}…) (got {digest[:12]}…); give the protocol file as it was"
+            f"{folder}: sessions must follow the protocol given ({study.study.name},"
+            f" {study.sha256[:12]}…) (got {digest[:12]}…); give the protocol file as it was"
             " when the sessions were recorded"
         )
     kinds = {reading.start.simulated for reading in readings}

@@ -81,13 +81,13 @@ class ParticipantFlow:
 
 
 def participant_flow(
-    study: StudyReadings, protocol: StudyProtocol, sessions: pd.DataFrame, decisions: pd.DataFrame
+    recorded: StudyReadings, study: StudyProtocol, sessions: pd.DataFrame, decisions: pd.DataFrame
 ) -> ParticipantFlow:
     """Count participants; `sessions` and `decisions` are marked by the rules."""
-    asked = protocol.privacy.consent_required
+    asked = study.privacy.consent_required
     agreed = {
         reading.name
-        for reading in study.readings
+        for reading in recorded.readings
         if not asked or any(isinstance(e, Consent) and e.agreed for e in reading.journal.events)
     }
     refused = int((sessions["status"] == "consent-refused").sum())
@@ -96,9 +96,9 @@ def participant_flow(
     out = inside[~inside["session"].isin(kept)]
     return ParticipantFlow(
         consent_asked=asked,
-        began=len(sessions) + study.withdrew + study.unreadable,
-        withdrew=study.withdrew,
-        unreadable=study.unreadable,
+        began=len(sessions) + recorded.withdrew + recorded.unreadable,
+        withdrew=recorded.withdrew,
+        unreadable=recorded.unreadable,
         refused=refused,
         unasked=len(sessions) - refused - len(inside),
         consented=len(inside),
@@ -110,7 +110,7 @@ def participant_flow(
 
 
 def demographics(
-    answers: pd.DataFrame, protocol: StudyProtocol, decisions: pd.DataFrame
+    answers: pd.DataFrame, study: StudyProtocol, decisions: pd.DataFrame
 ) -> pd.DataFrame:
     """Count answers to closing questions that have choices.
 
@@ -121,8 +121,8 @@ def demographics(
         ``analysed``: how many of these are analysed. In the default language; the last answer of
         each question, "no answer", counts the rest of those analysed and of all who answered any.
     """
-    languages = protocol.text.languages
-    shown = languages[protocol.text.default_language].questions
+    languages = study.text.languages
+    shown = languages[study.text.default_language].questions
     kept = set(decisions["session"][decisions["included"] == 1])
     people = {*answers["session"], *kept}
     rows = []

@@ -77,7 +77,7 @@ class TidyTables:
 
 
 def read_sessions(
-    folder: str | Path, protocol: StudyProtocol, *, progress: Progress | None = None
+    folder: str | Path, study: StudyProtocol, *, progress: Progress | None = None
 ) -> TidyTables:
     """Read every journal below `folder` and apply the protocol's exclusion rules.
 
@@ -86,16 +86,16 @@ def read_sessions(
     StudyError
         As `analysis.journals.read_study` says.
     """
-    return tidy_tables(read_study(Path(folder), protocol, progress=progress), protocol)
+    return tidy_tables(read_study(Path(folder), study, progress=progress), study)
 
 
-def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> TidyTables:
+def tidy_tables(recorded: StudyReadings, study: StudyProtocol) -> TidyTables:
     """Return the tables of journals that were read, with the exclusion rules applied."""
-    notes = list(study.notes)
+    notes = list(recorded.notes)
     sessions, attempts, decisions, answers = [], [], [], []
-    for reading in study.readings:
+    for reading in recorded.readings:
         session, tries, decided, said, found = _one_session(
-            reading.name, reading.journal, reading.start, protocol
+            reading.name, reading.journal, reading.start, study
         )
         sessions.append(session | {"wrong_files": len(reading.files.wrong)})
         attempts += tries
@@ -104,23 +104,23 @@ def tidy_tables(study: StudyReadings, protocol: StudyProtocol) -> TidyTables:
         notes += found
     marked, chosen, flow = apply_exclusions(
         frame(sessions, SESSION_COLUMNS),
-        frame(decisions, decision_columns(protocol)),
-        protocol.analysis.exclusions,
+        frame(decisions, decision_columns(study)),
+        study.analysis.exclusions,
     )
     closing = pd.DataFrame(answers, columns=["session", "participant", "question", "text"])
     return TidyTables(
         sessions=marked,
-        attempts=frame(attempts, attempt_columns(protocol)),
+        attempts=frame(attempts, attempt_columns(study)),
         decisions=chosen,
         answers=closing,
         flow=flow,
-        participants=participant_flow(study, protocol, marked, chosen),
-        demographics=demographics(closing, protocol, chosen),
-        simulated=study.simulated,
+        participants=participant_flow(recorded, study, marked, chosen),
+        demographics=demographics(closing, study, chosen),
+        simulated=recorded.simulated,
         warnings=tuple(notes),
         live=tuple(
             attempt.live
-            for reading in study.readings
+            for reading in recorded.readings
             for attempt in reading.journal.attempts
             if attempt.live is not None
         ),

@@ -447,9 +447,9 @@ def paired_rates(scale_down: int) -> list[PairedRates]:
 
 def times_power(scale_down: int) -> list[TimesPower]:
     """Draw times as `analysis power` does; judge them by its closed form and by the model."""
-    protocol = load_protocol(Path("inpainting-2afc"))
-    timed = protocol.analysis.model_copy(update={"reaction": "models"})
-    study = protocol.model_copy(update={"analysis": timed})
+    study = load_protocol(Path("inpainting-2afc"))
+    timed = study.analysis.model_copy(update={"reaction": "models"})
+    study = study.model_copy(update={"analysis": timed})
     chosen = analysis_of("preference").simulation(study).deciding()
     rng, studies, rows = np.random.default_rng(11), max(10, 100 // scale_down), []
     for people, scenes, repeats, effect in ((11, 6, 2, 1.25), (6, 3, 2, 1.5), (30, 20, 1, 1.1)):

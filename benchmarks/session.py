@@ -44,13 +44,13 @@ class SessionTiming:
 
 def time_session(gaze_hz: float) -> SessionTiming:
     """Run one session of `inpainting-2afc` and time it."""
-    protocol = load_protocol(Path("inpainting-2afc"))
-    display = load_display(protocol.display.display)
+    study = load_protocol(Path("inpainting-2afc"))
+    display = load_display(study.display.display)
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         (outcome,) = simulate_study(
-            SimulatedStudy(protocol, display, gaze_rate_hz=gaze_hz), root, 1
+            SimulatedStudy(study, display, gaze_rate_hz=gaze_hz), root, 1
         ).values()
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         journal = read_journal(next(root.rglob("journal.jsonl")))

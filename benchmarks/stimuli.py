@@ -152,20 +152,20 @@ def _ready(
     from stimuli.batch.clip import Survey
     from stimuli.batch.jobs import SceneContext
 
-    protocol = load_protocol(Path("demo"))
-    scene = protocol.warped.scenes[0].model_copy(update={"name": "scene", "builtin": options.scene})
-    clips = protocol.warped.clips.model_copy(
+    study = load_protocol(Path("demo"))
+    scene = study.warped.scenes[0].model_copy(update={"name": "scene", "builtin": options.scene})
+    clips = study.warped.clips.model_copy(
         update={"fps": 24.0, "duration_s": frames / 24, "render_width_px": options.width,
                 "rescale": "box"}
     )  # fmt: skip
-    size = protocol.warped.sizes[0].model_copy(update={"hole_share": None, "extent_m": 0.1})
+    size = study.warped.sizes[0].model_copy(update={"hole_share": None, "extent_m": 0.1})
     methods = tuple(
-        protocol.warped.methods[0].model_copy(update={"name": name}) for name in options.methods
+        study.warped.methods[0].model_copy(update={"name": name}) for name in options.methods
     )
-    recipe = protocol.warped.model_copy(
+    recipe = study.warped.model_copy(
         update={"scenes": (scene,), "clips": clips, "sizes": (size,), "methods": methods}
     )
-    protocol = protocol.model_copy(update={"stimuli": recipe})
+    study = study.model_copy(update={"stimuli": recipe})
 
     class AsRendered(BuildPlan):
         """Shown as rendered: nothing is rescaled."""
@@ -174,7 +174,7 @@ def _ready(
         def shown_px(self) -> tuple[int, int]:
             return options.width, options.width * 3 // 4
 
-    orders = AsRendered(protocol, load_display("fhd27-60hz"), Path.cwd())
+    orders = AsRendered(study, load_display("fhd27-60hz"), Path.cwd())
     clip = ClipName("scene", size.name, method)
     bench = SceneContext()
     scenery = bench.scenery(orders, clip)

@@ -21,19 +21,19 @@ _ROUND_S = 2e-6
 """Stamps are rounded to microseconds."""
 
 
-def plan_of(protocol: StudyProtocol, start: SessionStart) -> Plan | None:
+def plan_of(study: StudyProtocol, start: SessionStart) -> Plan | None:
     """Return the plan of a session; None where it does not come out as the session had it.
 
     So it is where the study's secret is not at hand.
     """
-    protocol = protocol.ordered_by(start.seed) if start.remote else protocol
+    study = study.ordered_by(start.seed) if start.remote else study
     try:
-        trials = planned_trials(protocol, start.participant, start.slot)
-        seed = protocol.order_seed
+        trials = planned_trials(study, start.participant, start.slot)
+        seed = study.order_seed
     except StudyError:
         return None
     plan = Plan(
-        study=protocol.study.name,
+        study=study.study.name,
         participant=start.participant,
         slot=start.slot,
         seed=seed,
@@ -45,7 +45,7 @@ def plan_of(protocol: StudyProtocol, start: SessionStart) -> Plan | None:
 
 
 def contradictions(
-    protocol: StudyProtocol, plan: Plan, attempts: Sequence[Attempt]
+    study: StudyProtocol, plan: Plan, attempts: Sequence[Attempt]
 ) -> Iterator[tuple[Attempt, str]]:
     """Yield every attempt that the plan, or the attempt itself, does not allow, and why.
 
@@ -60,14 +60,14 @@ def contradictions(
             yield attempt, f"trial must be one of the plan (got {attempt.trial})"
             continue
         tries[trial.id] += 1
-        wrong = next(_differences(protocol, trial, attempt), None)
+        wrong = next(_differences(study, trial, attempt), None)
         if wrong is None and attempt.attempt < tries[trial.id]:
             wrong = f"attempt must be at least {tries[trial.id]} (got {attempt.attempt})"
         if wrong is not None:
             yield attempt, f"{attempt.trial}: {wrong}"
 
 
-def _differences(protocol: StudyProtocol, trial: PlannedTrial, attempt: Attempt) -> Iterator[str]:
+def _differences(study: StudyProtocol, trial: PlannedTrial, attempt: Attempt) -> Iterator[str]:
     for key, planned, found in _fixed(trial, attempt):
         if planned != found:
             yield f"{key} must be {_said(planned)}, as planned (got {_said(found)})"
@@ -76,12 +76,12 @@ def _differences(protocol: StudyProtocol, trial: PlannedTrial, attempt: Attempt)
         if shown != trial.stimuli:
             yield f"stimuli must be {_said(trial.stimuli)}, as planned (got {_said(shown)})"
     else:
-        known = {entry.name for entry in protocol.stimuli.pool()}
+        known = {entry.name for entry in study.stimuli.pool()}
         unknown = [name for name in attempt.stimulus_names if name not in known]
         if unknown:
             yield f"stimuli must be the study's (got {unknown[0]})"
-    yield from _answered(protocol, attempt)
-    yield from _sure(protocol, attempt)
+    yield from _answered(study, attempt)
+    yield from _sure(study, attempt)
     yield from _timed(attempt)
 
 
@@ -99,11 +99,11 @@ def _fixed(trial: PlannedTrial, attempt: Attempt) -> Iterator[tuple[str, object,
             yield f"condition.{column}", value, attempt.condition.get(column)
 
 
-def _answered(protocol: StudyProtocol, attempt: Attempt) -> Iterator[str]:
+def _answered(study: StudyProtocol, attempt: Attempt) -> Iterator[str]:
     """Compare the answer with the key that stands for it."""
     if attempt.answer is None:
         return
-    keys, pointed = protocol.response.keys, protocol.response.pointer and attempt.key == POINTER
+    keys, pointed = study.response.keys, study.response.pointer and attempt.key == POINTER
     place = attempt.answers.index(attempt.answer)
     if len(keys) == len(attempt.answers) and not pointed and attempt.key not in keys[place]:
         yield (
@@ -112,12 +112,12 @@ def _answered(protocol: StudyProtocol, attempt: Attempt) -> Iterator[str]:
         )
 
 
-def _sure(protocol: StudyProtocol, attempt: Attempt) -> Iterator[str]:
+def _sure(study: StudyProtocol, attempt: Attempt) -> Iterator[str]:
     """Each question was answered once; compare how sure the answer was with the key for it."""
     asked = [one.question for one in attempt.further]
     if len(set(asked)) < len(asked):
         yield f"further must have each question once (got {', '.join(asked)})"
-    sure = protocol.task.confidence
+    sure = study.task.confidence
     if sure is None or attempt.outcome != "completed":
         return
     given = next((one for one in attempt.further if one.question == CONFIDENCE), None)
@@ -126,7 +126,7 @@ def _sure(protocol: StudyProtocol, attempt: Attempt) -> Iterator[str]:
         found = f"{given.answer!r}" if given else "nothing"
         yield f"{CONFIDENCE} must be one of {', '.join(keys)} (got {found})"
     elif given.key not in keys[given.answer] and not (
-        protocol.response.pointer and given.key == POINTER
+        study.response.pointer and given.key == POINTER
     ):
         yield (
             f"{CONFIDENCE} {given.answer!r} must come from one of its keys"

@@ -24,15 +24,15 @@ ASSUMED_RT_S = 1.5
 
 
 def check_feasible(
-    protocol: StudyProtocol, display: Display, manifest: Manifest | None = None
+    study: StudyProtocol, display: Display, manifest: Manifest | None = None
 ) -> list[Problem]:
-    """Return everything about `protocol` that `display` cannot do.
+    """Return everything about `study` that `display` cannot do.
 
     Times must be whole refreshes (they are never rounded), clip frames must last whole refreshes,
     clips must fit the screen and are shown pixel by pixel, and two pairs must fit the memory.
     Every message says the nearest feasible values. The list is empty where all is well.
     """
-    problems = timing_problems(protocol, display)
+    problems = timing_problems(study, display)
     nominal = display.at_nominal_rate()
     if problems and nominal is not None:
         problems = [
@@ -42,63 +42,63 @@ def check_feasible(
                 f" its file (got {display.refresh_hz:g} Hz, as drivers measure it, which"
                 " refresh_tolerance_share allows)",
             ),
-            *timing_problems(protocol, nominal),
+            *timing_problems(study, nominal),
         ]
-    size = _size(protocol, display)
+    size = _size(study, display)
     problems += size
     if not size:
-        problems += _memory(protocol, display)
+        problems += _memory(study, display)
     if not problems:
-        problems += _places(protocol, display)
+        problems += _places(study, display)
     if problems == size:  # also where stimuli are too large: what a smaller screen would show
-        problems += protocol.stimuli.unseen(display)
+        problems += study.stimuli.unseen(display)
     if manifest is not None:
-        problems += _built_size(protocol, display, manifest)
+        problems += _built_size(study, display, manifest)
     return problems
 
 
 def require_feasible(
-    protocol: StudyProtocol, display: Display, manifest: Manifest | None = None
+    study: StudyProtocol, display: Display, manifest: Manifest | None = None
 ) -> None:
     """Raise `StudyError` with one line per problem of `check_feasible`."""
-    problems = check_feasible(protocol, display, manifest)
+    problems = check_feasible(study, display, manifest)
     if problems:
         raise StudyError(
-            f"study {protocol.study.name!r} must be feasible on display {display.name!r}:\n"
+            f"study {study.study.name!r} must be feasible on display {display.name!r}:\n"
             + "\n".join(f"  {problem}" for problem in problems)
         )
 
 
-def clip_size_px(protocol: StudyProtocol, display: Display) -> tuple[int, int]:
+def clip_size_px(study: StudyProtocol, display: Display) -> tuple[int, int]:
     """Return (width, height) of every stimulus in native pixels of the display."""
-    return protocol.stimuli.size_px(display)
+    return study.stimuli.size_px(display)
 
 
-def clip_memory_bytes(protocol: StudyProtocol, display: Display) -> int:
+def clip_memory_bytes(study: StudyProtocol, display: Display) -> int:
     """Return the graphics memory of one clip: four channels a pixel."""
-    width, height = clip_size_px(protocol, display)
-    channels = 4 * protocol.stimuli.bit_depth // 8
-    return protocol.stimuli.frames * width * height * channels
+    width, height = clip_size_px(study, display)
+    channels = 4 * study.stimuli.bit_depth // 8
+    return study.stimuli.frames * width * height * channels
 
 
-def session_duration_s(protocol: StudyProtocol, trials: int) -> float:
+def session_duration_s(study: StudyProtocol, trials: int) -> float:
     """Return an estimate of the seconds that `trials` take, with breaks, each answer in 1.5 s."""
-    timing = protocol.trial
-    shown_s = protocol.task.shown_s(protocol.pool)
-    answers_s = ASSUMED_RT_S * (1 if protocol.task.confidence is None else 2)
+    timing = study.trial
+    shown_s = study.task.shown_s(study.pool)
+    answers_s = ASSUMED_RT_S * (1 if study.task.confidence is None else 2)
     trial_s = timing.fixation_s + shown_s + answers_s + timing.iti_s
-    return trials * trial_s + (protocol.design.blocks - 1) * protocol.design.break_s
+    return trials * trial_s + (study.design.blocks - 1) * study.design.break_s
 
 
-def virtual_manifest(protocol: StudyProtocol, display: Display) -> Manifest:
+def virtual_manifest(study: StudyProtocol, display: Display) -> Manifest:
     """Return a manifest without pixels, marked as simulated: hashes of names stand for frames."""
-    width, height = clip_size_px(protocol, display)
+    width, height = clip_size_px(study, display)
     clips = []
-    shown = set(protocol.shown())
-    for stimulus in protocol.stimuli.pool():
+    shown = set(study.shown())
+    for stimulus in study.stimuli.pool():
         if stimulus.name not in shown:
             continue
-        count = protocol.stimuli.frames
+        count = study.stimuli.frames
         frames = [sha256_json(["virtual", stimulus.name, k]) for k in range(count)]
         clips.append(
             BuiltClip(
@@ -106,9 +106,9 @@ def virtual_manifest(protocol: StudyProtocol, display: Display) -> Manifest:
                 condition=dict(stimulus.condition),
                 width_px=width,
                 height_px=height,
-                fps=protocol.stimuli.frame_hz,
-                bit_depth=16 if protocol.stimuli.bit_depth == 16 else 8,
-                seed=protocol.stimuli.seed,
+                fps=study.stimuli.frame_hz,
+                bit_depth=16 if study.stimuli.bit_depth == 16 else 8,
+                seed=study.stimuli.seed,
                 parameters={},
                 hole_share=None,
                 cache_key=sha256_json(["virtual", stimulus.name]),
@@ -117,8 +117,8 @@ def virtual_manifest(protocol: StudyProtocol, display: Display) -> Manifest:
         )
     return Manifest(
         format=2,
-        study=protocol.study.name,
-        stimuli_sha256=protocol.stimuli_sha256,
+        study=study.study.name,
+        stimuli_sha256=study.stimuli_sha256,
         display=display.name,
         revision="virtual",
         renderer=Renderer(vendor="", renderer="virtual", version=""),
@@ -128,30 +128,30 @@ def virtual_manifest(protocol: StudyProtocol, display: Display) -> Manifest:
     )
 
 
-def timing_problems(protocol: StudyProtocol, display: Display) -> list[Problem]:
+def timing_problems(study: StudyProtocol, display: Display) -> list[Problem]:
     """Return times that are not whole refreshes, also those of a clip's frames."""
-    return _times(protocol, display) + _rate(protocol, display)
+    return _times(study, display) + _rate(study, display)
 
 
-def stated_times_s(protocol: StudyProtocol) -> dict[str, float]:
+def stated_times_s(study: StudyProtocol) -> dict[str, float]:
     """Return every time of a trial that must be whole refreshes, by its place in the study."""
     times = {
-        "trial.fixation_s": protocol.trial.fixation_s,
-        "trial.fixation_timeout_s": protocol.trial.fixation_timeout_s,
-        "trial.iti_s": protocol.trial.iti_s,
-    } | {f"task.{key}": duration_s for key, duration_s in protocol.task.durations().items()}
-    if protocol.stimuli.clip_s is not None:
-        times = {f"{protocol.stimuli.section}.duration_s": protocol.stimuli.clip_s} | times
-    if protocol.design.practice is not None and protocol.design.practice.feedback:
-        times["trial.feedback_s"] = protocol.trial.feedback_s
-    if protocol.response.timeout_s is not None:
-        times["response.timeout_s"] = protocol.response.timeout_s
+        "trial.fixation_s": study.trial.fixation_s,
+        "trial.fixation_timeout_s": study.trial.fixation_timeout_s,
+        "trial.iti_s": study.trial.iti_s,
+    } | {f"task.{key}": duration_s for key, duration_s in study.task.durations().items()}
+    if study.stimuli.clip_s is not None:
+        times = {f"{study.stimuli.section}.duration_s": study.stimuli.clip_s} | times
+    if study.design.practice is not None and study.design.practice.feedback:
+        times["trial.feedback_s"] = study.trial.feedback_s
+    if study.response.timeout_s is not None:
+        times["response.timeout_s"] = study.response.timeout_s
     return times
 
 
-def _times(protocol: StudyProtocol, display: Display) -> list[Problem]:
+def _times(study: StudyProtocol, display: Display) -> list[Problem]:
     problems = []
-    for place, duration_s in stated_times_s(protocol).items():
+    for place, duration_s in stated_times_s(study).items():
         if display.frames(duration_s) in (None, 0):
             near = " or ".join(f"{near} s" for near in display.nearest_durations(duration_s))
             also = _other_displays({rate: duration_s * rate for rate in COMMON_RATES_HZ})
@@ -175,10 +175,10 @@ def _other_displays(frames: Mapping[float, float]) -> str:
     return f", or a display with {' or '.join(rates)} Hz" if rates else ""
 
 
-def _rate(protocol: StudyProtocol, display: Display) -> list[Problem]:
-    if protocol.stimuli.clip_s is None:
+def _rate(study: StudyProtocol, display: Display) -> list[Problem]:
+    if study.stimuli.clip_s is None:
         return []
-    fps = protocol.stimuli.frame_hz
+    fps = study.stimuli.frame_hz
     exact = display.refresh_hz / fps
 
     def whole(rate: float, n: int = max(1, round(exact))) -> bool:
@@ -192,17 +192,17 @@ def _rate(protocol: StudyProtocol, display: Display) -> list[Problem]:
     also = _other_displays({rate: rate / fps for rate in COMMON_RATES_HZ if rate >= fps})
     return [
         Problem(
-            f"{protocol.stimuli.section}.fps",
+            f"{study.stimuli.section}.fps",
             f"every clip frame must last whole refreshes at {display.refresh_hz:g} Hz"
             f" (got {fps:g} fps = {exact:g} refreshes); nearest: {near}{also}",
         )
     ]
 
 
-def _size(protocol: StudyProtocol, display: Display) -> list[Problem]:
-    width, height = clip_size_px(protocol, display)
+def _size(study: StudyProtocol, display: Display) -> list[Problem]:
+    width, height = clip_size_px(study, display)
     problems = []
-    section, unit = protocol.stimuli.section, protocol.stimuli.size_unit
+    section, unit = study.stimuli.section, study.stimuli.size_unit
     for place, wanted, got, pitch_mm in (
         (f"{section}.width_{unit}", display.width_px, width, display.pitch_x_mm),
         (f"{section}.height_{unit}", display.height_px, height, display.pitch_y_mm),
@@ -217,7 +217,7 @@ def _size(protocol: StudyProtocol, display: Display) -> list[Problem]:
                     f" {display.distance_mm:g} mm); nearest: {near}",
                 )
             )
-    timing = protocol.trial
+    timing = study.trial
     for place, angle, extent_mm in (
         ("trial.fixation_x_deg", timing.fixation_x_deg, display.width_mm),
         ("trial.fixation_y_deg", timing.fixation_y_deg, display.height_mm),
@@ -234,7 +234,7 @@ def _size(protocol: StudyProtocol, display: Display) -> list[Problem]:
     return problems
 
 
-def _places(protocol: StudyProtocol, display: Display) -> list[Problem]:
+def _places(study: StudyProtocol, display: Display) -> list[Problem]:
     """Return a problem where a trial cannot be run, or what it shows overlaps or leaves the screen.
 
     Pictures of words are as large as the screen, and the fixation target has its own check.
@@ -242,7 +242,7 @@ def _places(protocol: StudyProtocol, display: Display) -> list[Problem]:
     try:
         # Of every language: a task's own questions have texts of their own.
         script, *_ = [
-            example_scripts(protocol, display, language)[0] for language in protocol.text.languages
+            example_scripts(study, display, language)[0] for language in study.text.languages
         ]
     except StudyError as error:
         return [Problem("task", str(error).removeprefix("task: "))]
@@ -289,15 +289,15 @@ def _places(protocol: StudyProtocol, display: Display) -> list[Problem]:
     return []
 
 
-def _memory(protocol: StudyProtocol, display: Display) -> list[Problem]:
-    clip = clip_memory_bytes(protocol, display)
+def _memory(study: StudyProtocol, display: Display) -> list[Problem]:
+    clip = clip_memory_bytes(study, display)
     budget = display.clip_memory_mib * MIB
-    count = TRIALS_IN_MEMORY * protocol.task.stimuli_per_trial
+    count = TRIALS_IN_MEMORY * study.task.stimuli_per_trial
     if count * clip <= budget:
         return []
-    recipe = protocol.stimuli
+    recipe = study.stimuli
     shrink = math.sqrt(budget / (count * clip))
-    width = 2 * math.floor(clip_size_px(protocol, display)[0] * shrink / 2)
+    width = 2 * math.floor(clip_size_px(study, display)[0] * shrink / 2)
     smaller = (
         f"width_deg = {math.floor(display.angle_of_width_deg(width) * 100) / 100:g}"
         if recipe.size_unit == "deg"
@@ -317,8 +317,8 @@ def _memory(protocol: StudyProtocol, display: Display) -> list[Problem]:
     ]
 
 
-def _built_size(protocol: StudyProtocol, display: Display, manifest: Manifest) -> list[Problem]:
-    width, height = clip_size_px(protocol, display)
+def _built_size(study: StudyProtocol, display: Display, manifest: Manifest) -> list[Problem]:
+    width, height = clip_size_px(study, display)
     for clip in manifest.clips:
         if (clip.width_px, clip.height_px) != (width, height):
             return [
@@ -329,17 +329,16 @@ def _built_size(protocol: StudyProtocol, display: Display, manifest: Manifest) -
                     f" {manifest.display!r}); build the clips for {display.name!r}, or set"
                     + (
                         f" width_deg = {display.angle_of_width_deg(clip.width_px):.4g}"
-                        if protocol.stimuli.size_unit == "deg"
+                        if study.stimuli.size_unit == "deg"
                         else f" width_px = {clip.width_px}"
                     ),
                 )
             ]
-        if clip.fps != protocol.stimuli.frame_hz:
+        if clip.fps != study.stimuli.frame_hz:
             return [
                 Problem(
                     f"clip {clip.name}",
-                    f"must be {protocol.stimuli.frame_hz:g} fps (got {clip.fps:g} fps);"
-                    " build again",
+                    f"must be {study.stimuli.frame_hz:g} fps (got {clip.fps:g} fps); build again",
                 )
             ]
     return []

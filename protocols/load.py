@@ -191,9 +191,9 @@ def load_study(
     StudyError
         As `load_protocol` and `load_display`.
     """
-    protocol = load_protocol(path, recorded=recorded)
-    named = protocol.display.display if display is None else display
-    return protocol, load_display(named, beside=path)
+    study = load_protocol(path, recorded=recorded)
+    named = study.display.display if display is None else display
+    return study, load_display(named, beside=path)
 
 
 def is_display(raw: Mapping[str, object]) -> bool:

@@ -210,51 +210,51 @@ def _without_manifest(folder: Path) -> StudyError:
     return StudyError(f"{folder}: must hold a finished batch of clips ({found}); {cure}")
 
 
-def check_manifest(protocol: StudyProtocol, manifest: Manifest) -> None:
-    """Refuse a manifest that was not built for `protocol`, or lacks clips.
+def check_manifest(study: StudyProtocol, manifest: Manifest) -> None:
+    """Refuse a manifest that was not built for `study`, or lacks clips.
 
     Raises
     ------
     StudyError
         Naming what differs and the cure.
     """
-    if manifest.study != protocol.study.name:
+    if manifest.study != study.study.name:
         raise StudyError(
-            f"the clips must belong to study {protocol.study.name!r} (got a manifest of"
+            f"the clips must belong to study {study.study.name!r} (got a manifest of"
             f" {manifest.study!r}); give the folder built from this protocol"
         )
-    if manifest.stimuli_sha256 != protocol.stimuli_sha256:
+    if manifest.stimuli_sha256 != study.stimuli_sha256:
         raise StudyError(
             "the clips must be built from this protocol's display and stimuli"
-            f" (hash {protocol.stimuli_sha256[:12]}, got {manifest.stimuli_sha256[:12]});"
+            f" (hash {study.stimuli_sha256[:12]}, got {manifest.stimuli_sha256[:12]});"
             " run 'metamerlab stimuli build' again"
         )
     present = {clip.name for clip in manifest.clips}
-    missing = [name for name in protocol.shown() if name not in present]
+    missing = [name for name in study.shown() if name not in present]
     if missing:
         shown = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
         raise StudyError(
             f"the manifest must list every clip of the study (missing {len(missing)}: {shown});"
             " run 'metamerlab stimuli build' again"
         )
-    frames = protocol.stimuli.frames
+    frames = study.stimuli.frames
     wrong = [clip for clip in manifest.clips if len(clip.frames_sha256) != frames]
     if wrong:
         raise StudyError(
             f"{wrong[0].name}: must have {frames} frames"
             f" (got {len(wrong[0].frames_sha256)}); run 'metamerlab stimuli build' again"
         )
-    _check_stated(protocol, manifest)
+    _check_stated(study, manifest)
 
 
-def _check_stated(protocol: StudyProtocol, manifest: Manifest) -> None:
+def _check_stated(study: StudyProtocol, manifest: Manifest) -> None:
     """Refuse a manifest that says of a clip what its study does not."""
-    pool = {stimulus.name: stimulus for stimulus in protocol.stimuli.pool()}
+    pool = {stimulus.name: stimulus for stimulus in study.stimuli.pool()}
     for clip in manifest.clips:
         stimulus = pool.get(clip.name)
         if stimulus is None:
             continue
-        stated = {"condition": dict(stimulus.condition), **protocol.stimuli.stated(stimulus)}
+        stated = {"condition": dict(stimulus.condition), **study.stimuli.stated(stimulus)}
         for key, wanted in stated.items():
             known = clip.parameters.get(key, wanted)
             found = getattr(clip, key) if key in Clip.model_fields else known

@@ -24,16 +24,16 @@ _MOST = 2**32
 """A longer round is cut here: no study has as many participants."""
 
 
-def place_of(protocol: StudyProtocol, slot: int) -> int:
+def place_of(study: StudyProtocol, slot: int) -> int:
     """Return the place of a slot; drawn ones are below the length of a round.
 
     They are a permutation of each round, which the study's secret decides. Each short round, of
     arrangements and keys alone, is balanced too, so that a study of a few participants is.
     """
-    if protocol.design.places != "drawn":
+    if study.design.places != "drawn":
         return slot
-    short, whole = rounds(protocol)
-    seed = protocol.order_seed
+    short, whole = rounds(study)
+    seed = study.order_seed
     number, within = divmod(slot, short)
     rest = _drawn(within, short, Chance(seed, "places", "short", number))
     turn, nth = divmod(number, whole // short)
@@ -41,15 +41,15 @@ def place_of(protocol: StudyProtocol, slot: int) -> int:
     return block * short + rest
 
 
-def arrival_shows(protocol: StudyProtocol) -> bool:
+def arrival_shows(study: StudyProtocol) -> bool:
     """Return True if plans tell, by their places, in which order participants came."""
-    return protocol.design.places != "drawn" and rounds(protocol)[1] > 1
+    return study.design.places != "drawn" and rounds(study)[1] > 1
 
 
-def rounds(protocol: StudyProtocol) -> tuple[int, int]:
+def rounds(study: StudyProtocol) -> tuple[int, int]:
     """Return after how many places arrangements and keys are balanced, and the scenes as well."""
-    design, task, scenes = protocol.design, protocol.task, protocol.main_scenes()
-    arrangements = {len(cell.arrangements) for cell in task.cells(protocol.pool)}
+    design, task, scenes = study.design, study.task, study.main_scenes()
+    arrangements = {len(cell.arrangements) for cell in task.cells(study.pool)}
     keys = 4 if design.side == "by-participant" else 1  # they turn after every second place
     short = min(lcm(keys, *arrangements), _MOST)
     rows = len(scenes) if design.scene_order == "balanced" and task.adaptation is None else 1
@@ -123,7 +123,7 @@ class Plan(Model):
         return tuple(sorted({trial.block for trial in self.trials}))
 
 
-def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slot: int) -> Plan:
+def make_plan(study: StudyProtocol, manifest: Manifest, participant: str, slot: int) -> Plan:
     """Return the trials of a participant.
 
     Counterbalancing by the slot's place (`protocols.plan`): bit 0 turns the arrangement
@@ -137,21 +137,19 @@ def make_plan(protocol: StudyProtocol, manifest: Manifest, participant: str, slo
         If the manifest does not belong to the protocol or lacks clips, or the design cannot be
         arranged.
     """
-    check_manifest(protocol, manifest)
+    check_manifest(study, manifest)
     return Plan(
-        study=protocol.study.name,
+        study=study.study.name,
         participant=participant,
         slot=slot,
-        seed=protocol.order_seed,
-        protocol_sha256=protocol.sha256,
+        seed=study.order_seed,
+        protocol_sha256=study.sha256,
         manifest_sha256=manifest.sha256,
-        trials=planned_trials(protocol, participant, slot),
+        trials=planned_trials(study, participant, slot),
     )
 
 
-def planned_trials(
-    protocol: StudyProtocol, participant: str, slot: int
-) -> tuple[PlannedTrial, ...]:
+def planned_trials(study: StudyProtocol, participant: str, slot: int) -> tuple[PlannedTrial, ...]:
     """Return the trials of a participant, which no clip decides: `make_plan` says how.
 
     Raises
@@ -159,31 +157,31 @@ def planned_trials(
     StudyError
         If the design cannot be arranged.
     """
-    design = protocol.design
-    chance = Chance(protocol.order_seed, participant, slot, "plan")
-    place = place_of(protocol, slot)
-    main = _main_trials(protocol, place, chance)
+    design = study.design
+    chance = Chance(study.order_seed, participant, slot, "plan")
+    place = place_of(study, slot)
+    main = _main_trials(study, place, chance)
     if design.blocks > len(main):
         raise StudyError(
             f"design.blocks: must not be more than the main trials, {len(main)}"
             f" (got {design.blocks})"
         )
-    blocks: dict[int, list[PlannedTrial]] = {0: _practice_trials(protocol, place, chance)}
+    blocks: dict[int, list[PlannedTrial]] = {0: _practice_trials(study, place, chance)}
     for index, trial in enumerate(main):
         number = 1 + index * design.blocks // len(main)
         blocks.setdefault(number, []).append(_changed(trial, block=number))
-    for number, catch in _catch_trials(protocol, place, chance):
+    for number, catch in _catch_trials(study, place, chance):
         after = chance.below(len(blocks[number])) + 1  # never the first of its block
         blocks[number].insert(after, _changed(catch, block=number))
     trials: list[PlannedTrial] = []
     for number in sorted(blocks):
         before = trials[-1].shown if trials else None
-        trials += _keyed(protocol, place, chance, apart(blocks[number], before))
+        trials += _keyed(study, place, chance, apart(blocks[number], before))
     return tuple(trials)
 
 
 def chosen(
-    protocol: StudyProtocol, plan: Plan, trial: PlannedTrial, attempts: Sequence[Attempt]
+    study: StudyProtocol, plan: Plan, trial: PlannedTrial, attempts: Sequence[Attempt]
 ) -> PlannedTrial:
     """Return a trial with what it shows: for adaptive ones, given the attempts so far.
 
@@ -192,7 +190,7 @@ def chosen(
     StudyError
         If the answers so far do not fit the rule.
     """
-    rule = protocol.task.adaptation
+    rule = study.task.adaptation
     if trial.track is None or rule is None:
         return trial
     past = [
@@ -202,9 +200,9 @@ def chosen(
     ]
     tries = sum(attempt.trial == trial.id for attempt in attempts)
     turn = Turn(trial.condition, past, (plan.seed, plan.participant, plan.slot), trial.id, tries)
-    cell = rule.choose(protocol.task, protocol.pool, turn)
+    cell = rule.choose(study.task, study.pool, turn)
     several = len(cell.arrangements) > 1
-    arrangement = cell.arranged(len(past) + place_of(protocol, plan.slot) if several else 0)
+    arrangement = cell.arranged(len(past) + place_of(study, plan.slot) if several else 0)
     return trial.model_copy(
         update={
             "condition": dict(arrangement.condition),
@@ -290,7 +288,7 @@ def _ordered_apart(
 
 
 def _trial(
-    protocol: StudyProtocol, kind: Role, number: int, cell: Cell, repeat: int, turn: int
+    study: StudyProtocol, kind: Role, number: int, cell: Cell, repeat: int, turn: int
 ) -> PlannedTrial:
     arrangement = cell.arranged(turn)
     return PlannedTrial(
@@ -300,7 +298,7 @@ def _trial(
         repeat=repeat,
         condition=dict(arrangement.condition),
         stimuli=arrangement.stimuli,
-        answers=protocol.task.answers(),
+        answers=study.task.answers(),
         correct=arrangement.correct,
     )
 
@@ -312,9 +310,9 @@ def _changed(trial: PlannedTrial, **update: object) -> PlannedTrial:
     return trial.model_copy(update=update)
 
 
-def _main_trials(protocol: StudyProtocol, place: int, chance: Chance) -> list[PlannedTrial]:
+def _main_trials(study: StudyProtocol, place: int, chance: Chance) -> list[PlannedTrial]:
     """Return the main trials in order: all of the first repeat, then all of the second, ..."""
-    rule = protocol.task.adaptation
+    rule = study.task.adaptation
     if rule is not None:
         check_trials(rule.trials)
         return [
@@ -325,14 +323,14 @@ def _main_trials(protocol: StudyProtocol, place: int, chance: Chance) -> list[Pl
                 repeat=0,
                 condition=dict(entry.condition),
                 stimuli=(),
-                answers=protocol.task.answers(),
+                answers=study.task.answers(),
                 track=entry.track,
             )
-            for number, entry in enumerate(rule.slots(protocol.task, protocol.pool, chance))
+            for number, entry in enumerate(rule.slots(study.task, study.pool, chance))
         ]
-    pool = protocol.pool
-    scenes, cells = pool.scenes, protocol.task.cells(pool)
-    check_trials(len(cells) * protocol.design.repeats)
+    pool = study.pool
+    scenes, cells = pool.scenes, study.task.cells(pool)
+    check_trials(len(cells) * study.design.repeats)
     if not cells:
         raise StudyError(
             "design: must have at least one trial (no scene has the stimuli that the task needs:"
@@ -343,8 +341,8 @@ def _main_trials(protocol: StudyProtocol, place: int, chance: Chance) -> list[Pl
         of_scene[cell.scene].append(cell)
     ordered: list[tuple[int, Cell]] = []
     rounds = 0
-    for repeat in range(protocol.design.repeats):
-        if protocol.design.scene_order == "random":
+    for repeat in range(study.design.repeats):
+        if study.design.scene_order == "random":
             ordered += [(repeat, cell) for cell in chance.shuffled(cells)]
             continue
         queues = {scene: chance.shuffled(of_scene[scene]) for scene in scenes}
@@ -354,56 +352,56 @@ def _main_trials(protocol: StudyProtocol, place: int, chance: Chance) -> list[Pl
                     ordered.append((repeat, queues[scenes[index]].pop()))
             rounds += 1
     return [
-        _trial(protocol, "main", number, cell, repeat, repeat + place)
+        _trial(study, "main", number, cell, repeat, repeat + place)
         for number, (repeat, cell) in enumerate(ordered)
     ]
 
 
-def _practice_trials(protocol: StudyProtocol, place: int, chance: Chance) -> list[PlannedTrial]:
-    practice = protocol.design.practice
+def _practice_trials(study: StudyProtocol, place: int, chance: Chance) -> list[PlannedTrial]:
+    practice = study.design.practice
     if practice is None:
         return []
-    cells = chance.shuffled(protocol.practice_cells())
+    cells = chance.shuffled(study.practice_cells())
     if not cells:
         raise StudyError("design.practice: must have a scene with the stimuli that the task needs")
     check_trials(practice.trials * practice.rounds)
     trials = []
     for number in range(practice.trials * practice.rounds):
         repeat, index = divmod(number, len(cells))
-        trials.append(_trial(protocol, "practice", number, cells[index], repeat, repeat + place))
+        trials.append(_trial(study, "practice", number, cells[index], repeat, repeat + place))
     return trials
 
 
 def _catch_trials(
-    protocol: StudyProtocol, place: int, chance: Chance
+    study: StudyProtocol, place: int, chance: Chance
 ) -> list[tuple[int, PlannedTrial]]:
     """Return (block, trial) of every catch trial, spread evenly."""
-    wanted = protocol.task.catch_trials
+    wanted = study.task.catch_trials
     if not wanted:
         return []
     check_trials(wanted)
-    cells = protocol.task.catch_cells(protocol.pool)
+    cells = study.task.catch_cells(study.pool)
     if not cells:
         raise StudyError("task.catch: must fit stimuli of at least one scene")
     order = chance.shuffled(cells)
     return [
         (
-            1 + number * protocol.design.blocks // wanted,
-            _trial(protocol, "catch", number, order[number % len(order)], 0, number + place),
+            1 + number * study.design.blocks // wanted,
+            _trial(study, "catch", number, order[number % len(order)], 0, number + place),
         )
         for number in range(wanted)
     ]
 
 
 def _keyed(
-    protocol: StudyProtocol, place: int, chance: Chance, trials: list[PlannedTrial]
+    study: StudyProtocol, place: int, chance: Chance, trials: list[PlannedTrial]
 ) -> list[PlannedTrial]:
     """Return the trials of a block with the answers of their keys.
 
     The order of the answers is turned equally often, or for the whole session, or never.
     """
-    mode = protocol.design.side
-    answers = protocol.task.answers()
+    mode = study.design.side
+    answers = study.task.answers()
     orders = (answers, answers[::-1])
     if mode == "by-trial":
         drawn = chance.shuffled([orders[index % 2] for index in range(len(trials))])

@@ -132,7 +132,7 @@ def conduct(
     attempts = [event for event in recorder.events if isinstance(event, Attempt)]
     done = _main_done(recorder)
     recorder.append(SessionEnd(**recorder.stamps(), reason=reason, completed_trials=done))
-    missing = given_up(plan, attempts, setup.protocol.design.max_attempts)
+    missing = given_up(plan, attempts, setup.study.design.max_attempts)
     return RunOutcome(reason, done, plan.main_trials, tuple(missing))
 
 
@@ -158,24 +158,24 @@ class _Conductor:
         setup = replace(setup, language=start.language)
         self._setup, self._plan, self._recorder = setup, plan, recorder
         self._stage, self._listener = stage, listener
-        self._protocol, self._texts = setup.protocol, setup.texts
+        self._study, self._texts = setup.study, setup.texts
         self._attempts = list[Attempt]()
         self._between = ""  # what came between participant and display, last
-        self._scripts = Scripts(self._protocol, setup.display, setup.spoken, setup.manifest)
-        self._pages = Dialogue(stage, self._protocol.response, self._texts, max(plan.blocks))
+        self._scripts = Scripts(self._study, setup.display, setup.spoken, setup.manifest)
+        self._pages = Dialogue(stage, self._study.response, self._texts, max(plan.blocks))
         self._watcher = None
-        if gaze is not None and self._protocol.gaze.mode != "none":
-            timing = self._protocol.trial
+        if gaze is not None and self._study.gaze.mode != "none":
+            timing = self._study.trial
             info, viewing = gaze.info(), Viewing.of(setup.display)
             monitor = FixationMonitor(
-                self._protocol.gaze,
+                self._study.gaze,
                 viewing,
                 (timing.fixation_x_deg, timing.fixation_y_deg),
                 info.rate_hz,
                 polled=info.polled,
             )
             watch = None
-            if self._protocol.stimuli.follows_gaze:
+            if self._study.stimuli.follows_gaze:
                 watch = SaccadeWatch(math.radians(viewing.distance_mm / viewing.pitch_x_mm))
             self._watcher = GazeWatcher(gaze, monitor, watch)
             stage.follow(self._watcher, polled=info.polled)
@@ -184,7 +184,7 @@ class _Conductor:
     def run(self) -> EndReason:
         """Do step after step."""
         while True:
-            step = next_step(self._protocol, self._plan, self._recorder.events, self._setup.spoken)
+            step = next_step(self._study, self._plan, self._recorder.events, self._setup.spoken)
             if isinstance(step, Finish):
                 if not step.consented:
                     return "consent-refused"
@@ -201,7 +201,7 @@ class _Conductor:
                 raise self._stands_still()
 
     def _tracker_lost(self) -> bool:
-        silence_s = self._protocol.gaze.silence_s
+        silence_s = self._study.gaze.silence_s
         return self._watcher is not None and self._watcher.stays_silent(self._stage, silence_s)
 
     def _all_void(self, most: int, reasons: Collection[VoidReason]) -> bool:
@@ -259,7 +259,7 @@ class _Conductor:
                 recorder.append(BlockEnd(**recorder.stamps(), block=block))
             case TakeBreak(block):
                 result = self._pages.show(
-                    "break", texts.break_page, least_s=self._protocol.design.break_s, done=block
+                    "break", texts.break_page, least_s=self._study.design.break_s, done=block
                 )
                 if self._pages.quit_pressed(result):
                     return False
@@ -280,12 +280,12 @@ class _Conductor:
         return True
 
     def _consent(self) -> bool:
-        text = self._pages.filled(consent_text(self._texts, self._protocol.privacy.contact))
+        text = self._pages.filled(consent_text(self._texts, self._study.privacy.contact))
         result = self._pages.show("consent", text)
         self._recorder.append(
             Consent(
                 **self._recorder.stamps(),
-                agreed=result.key in self._protocol.response.continue_keys,
+                agreed=result.key in self._study.response.continue_keys,
                 language=self._setup.spoken,
                 text_sha256=sha256_bytes(text.encode("utf-8")),
             )
@@ -306,7 +306,7 @@ class _Conductor:
     def _trial(self, step: RunTrial) -> bool:
         script, on_mark = self._scripts.of(step.trial), self._listener.on_mark
         self._stage.prepare(step.trial, script, step.attempt)
-        after = following(self._protocol, self._plan, self._recorder.events, step.trial)
+        after = following(self._study, self._plan, self._recorder.events, step.trial)
         if after is not None:
             self._stage.expect(after)
         if self._watcher:
@@ -323,7 +323,7 @@ class _Conductor:
                 self._stage.kept(),
                 WatchedGaze(
                     self._watcher.saccades_since(log.flips[0].flip.t_s) if self._watcher else (),
-                    self._protocol.privacy.store_gaze,
+                    self._study.privacy.store_gaze,
                 ),
             )
             self._recorder.append(event)
@@ -361,7 +361,7 @@ class _Conductor:
             files.append(raw)
         for text in told:
             recorder.note(text)
-        for number, raw in enumerate(files if self._protocol.privacy.store_gaze else (), 1):
+        for number, raw in enumerate(files if self._study.privacy.store_gaze else (), 1):
             name = f"tracker/{stem}" + f"-{number}" * (number > 1)
             file = recorder.side_file(name, raw.suffix, raw.data)
             recorder.note("gaze: the tracker's own data", file)

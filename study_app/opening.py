@@ -45,18 +45,18 @@ def begin(setup: SessionSetup, stage: Stage, gaze: GazeSource | None) -> tuple[R
         If the display cannot do the protocol, the manifest is another study's, the code was
         used, the language is missing, or the folder cannot be written. Nothing is written then.
     """
-    protocol = setup.protocol
-    require_feasible(protocol, setup.display, setup.manifest)
-    check_manifest(protocol, setup.manifest)
+    study = setup.study
+    require_feasible(study, setup.display, setup.manifest)
+    check_manifest(study, setup.manifest)
     _check_rate(setup.display, stage)
     _ = setup.texts  # refused where there are none
-    info = _gaze_info(protocol, gaze)
+    info = _gaze_info(study, gaze)
     folder = setup.folder
     require_portable(folder)
     require_unused(folder)
     with claimed(setup.root):
-        slot = next_slot(setup.root, protocol.study.name)
-        plan = make_plan(protocol, setup.manifest, setup.participant, slot)
+        slot = next_slot(setup.root, study.study.name)
+        plan = make_plan(study, setup.manifest, setup.participant, slot)
         torn = (folder / JOURNAL_NAME).exists()
         open_journal = Recorder.resume if torn else Recorder.create
         recorder = open_journal(folder, stage.now, setup.wall_clock)
@@ -64,15 +64,15 @@ def begin(setup: SessionSetup, stage: Stage, gaze: GazeSource | None) -> tuple[R
         recorder.append(
             SessionStart(
                 **recorder.stamps(),
-                study=protocol.study.name,
-                task=protocol.task.kind,
+                study=study.study.name,
+                task=study.task.kind,
                 participant=setup.participant,
                 slot=slot,
                 language=setup.spoken,
-                seed=protocol.design.seed,
+                seed=study.design.seed,
                 simulated=setup.simulated,
-                protocol_sha256=protocol.sha256,
-                stimuli_sha256=protocol.stimuli_sha256,
+                protocol_sha256=study.sha256,
+                stimuli_sha256=study.stimuli_sha256,
                 manifest_sha256=setup.manifest.sha256,
                 plan_sha256=plan.sha256,
                 trials=plan.main_trials,
@@ -80,7 +80,7 @@ def begin(setup: SessionSetup, stage: Stage, gaze: GazeSource | None) -> tuple[R
                 display_sha256=sha256_json(setup.display),
                 display_report=setup.display_report,
                 refresh_hz=stage.refresh_hz,
-                gaze_mode=protocol.gaze.mode,
+                gaze_mode=study.gaze.mode,
                 gaze=info,
                 revision=f"{package_version()} {code_revision()}",
                 versions=session_versions() | dict(setup.drawn_by) | simulation,
@@ -100,10 +100,10 @@ def resume(setup: SessionSetup, stage: Stage, gaze: GazeSource | None) -> tuple[
         If there is no such session, it is complete or withdrawn, its journal is damaged, or
         protocol, clips or display are not what it was begun with.
     """
-    protocol = setup.protocol
-    require_feasible(protocol, setup.display, setup.manifest)
+    study = setup.study
+    require_feasible(study, setup.display, setup.manifest)
     _check_rate(setup.display, stage)
-    info = _gaze_info(protocol, gaze)
+    info = _gaze_info(study, gaze)
     recorder = Recorder.resume(setup.folder, stage.now, setup.wall_clock)
     try:
         plan = _same_plan(setup, recorder)
@@ -147,8 +147,8 @@ def _check_rate(display: Display, stage: Stage) -> None:
         )
 
 
-def _gaze_info(protocol: StudyProtocol, gaze: GazeSource | None) -> GazeInfo | None:
-    mode = protocol.gaze.mode
+def _gaze_info(study: StudyProtocol, gaze: GazeSource | None) -> GazeInfo | None:
+    mode = study.gaze.mode
     if mode == "none":
         return None
     if gaze is None:
@@ -156,12 +156,12 @@ def _gaze_info(protocol: StudyProtocol, gaze: GazeSource | None) -> GazeInfo | N
             f"gaze: mode {mode!r} needs a gaze source; connect one, or set gaze.mode = 'none'"
         )
     info = gaze.info()
-    if info.rate_hz < protocol.gaze.rate_min_hz:
+    if info.rate_hz < study.gaze.rate_min_hz:
         raise StudyError(
-            f"gaze: the source must send at least {protocol.gaze.rate_min_hz:g} Hz"
+            f"gaze: the source must send at least {study.gaze.rate_min_hz:g} Hz"
             f" (got {info.rate_hz:g} Hz from {info.source})"
         )
-    if any(one.change != "always" for one in protocol.stimuli.live_methods().values()):
+    if any(one.change != "always" for one in study.stimuli.live_methods().values()):
         check_saccade_rate("stimuli.change: during-saccades", info.rate_hz)
     return GazeInfo(
         source=info.source,
@@ -183,7 +183,7 @@ def _same_plan(setup: SessionSetup, recorder: Recorder) -> Plan:
     if isinstance(last, SessionEnd) and last.reason in {"completed", "consent-refused"}:
         raise StudyError(f"{recorder.path}: the session is over ({last.reason})")
     for what, now, then in (
-        ("protocol", setup.protocol.sha256, start.protocol_sha256),
+        ("protocol", setup.study.sha256, start.protocol_sha256),
         ("manifest of the clips", setup.manifest.sha256, start.manifest_sha256),
         ("display", sha256_json(setup.display), start.display_sha256),
     ):
@@ -201,14 +201,14 @@ def _same_plan(setup: SessionSetup, recorder: Recorder) -> Plan:
             f" ({before or 'none stated'}, got {setup.simulation or 'none stated'}); give the"
             " same --seed and options, or another folder"
         )
-    plan = make_plan(setup.protocol, setup.manifest, setup.participant, start.slot)
+    plan = make_plan(setup.study, setup.manifest, setup.participant, start.slot)
     if plan.sha256 != start.plan_sha256:
         raise StudyError(
             f"{recorder.path}: the plan must come out as it did (hash {start.plan_sha256[:12]},"
             f" got {plan.sha256[:12]}); resume with revision {start.revision}"
         )
     attempts = [event for event in events if isinstance(event, Attempt)]
-    for attempt, reason in contradictions(setup.protocol, plan, attempts):
+    for attempt, reason in contradictions(setup.study, plan, attempts):
         raise StudyError(
             f"{recorder.path}: line {attempt.n + 1}: {reason}; the journal was changed after it"
             " was written: restore it from a copy"

@@ -70,39 +70,35 @@ class Presenter:
         refresh_hz: float,
         on_prepare: Callable[[PlannedTrial, int], None] = lambda _t, _a: None,
     ) -> None:
-        protocol, texts, manifest = setup.protocol, setup.texts, setup.manifest
-        self._window, self._protocol = window, protocol
+        study, texts, manifest = setup.study, setup.texts, setup.manifest
+        self._window, self._study = window, study
         self._refresh_hz, self._marks, self._on_prepare = refresh_hz, setup.marks, on_prepare
         self._observer = (
-            ArtificialObserver(
-                default_model(protocol), protocol.response, setup.seed, setup.participant
-            )
+            ArtificialObserver(default_model(study), study.response, setup.seed, setup.participant)
             if setup.simulated
             else None
         )
         studio = None
-        if setup.studio is not None and protocol.stimuli.follows_gaze:
+        if setup.studio is not None and study.stimuli.follows_gaze:
             studio = setup.studio(window.ctx)
-        display, background = window.display, round(255 * protocol.display.background)
+        display, background = window.display, round(255 * study.display.background)
         self._middle = display.width_px // 2, display.height_px // 2
         self._painter = Painter(window.ctx, window.size, background)
         self._pages = PageLayout(window.size, texts.key_names, background)
-        self._marks.check(example_scripts(protocol, display)[0])
-        self._store = ClipStore(
-            window.ctx, setup.stimuli, manifest, protocol.task.stimuli_per_trial
-        )
+        self._marks.check(example_scripts(study, display)[0])
+        self._store = ClipStore(window.ctx, setup.stimuli, manifest, study.task.stimuli_per_trial)
         self._live = LiveShow(self, display, manifest, studio)
         self._live_pictures: dict[int, moderngl.Texture] = {}
         """As they were last drawn, by number of the trial's stimuli."""
         self._showing = FlipPicture(BLANK)
         self._phase: ScriptPhase | None = None
         self._evidence = ""
-        self._bitmaps = bitmaps_of(protocol, display)
+        self._bitmaps = bitmaps_of(study, display)
         self._textures: dict[Drawn, moderngl.Texture] = {}
         self._ready: dict[int, tuple[Drawing, moderngl.Texture]] = {}
         """Pictures by identity: found faster than by what they are of."""
-        self._target = self._texture(fixation_target(protocol, display))
-        self._preparing = text_picture(protocol, display, texts.preparing)
+        self._target = self._texture(fixation_target(study, display))
+        self._preparing = text_picture(study, display, texts.preparing)
         self._ready[id(self._preparing)] = self._preparing, self._texture(self._preparing)
         self._asked: AskedQuestions | None = None
         self._next: Names | None = None
@@ -115,7 +111,7 @@ class Presenter:
             window,
             self._painter,
             self._pages,
-            protocol.response.quit_keys,
+            study.response.quit_keys,
             self._flip_and_load,
             self.key_presses,
             self._observer,
@@ -159,7 +155,7 @@ class Presenter:
 
         Pictures of noise stand in for the study's.
         """
-        study = self._protocol
+        study = self._study
         script = example_scripts(study, self._window.display)[0]
         width, height = script.stimulus_px
         noise = np.random.default_rng(0).integers(0, 256, (height, width, 4), np.uint8)
@@ -210,7 +206,7 @@ class Presenter:
         if picture.rests:
             self._between_stimuli(picture)
         question = picture.phase.question
-        if self._protocol.response.pointer:
+        if self._study.response.pointer:
             self._window.show_cursor(question is not None)
         before, self._phase = self._phase, picture.phase
         if (live := live_entry(picture.phase)) is not None:
@@ -247,7 +243,7 @@ class Presenter:
         """Return the keys that went down since the last call."""
         presses = list(self._window.key_presses())
         if self._window.closing():
-            presses.append(KeyPress(self._protocol.response.quit_keys[0], self.now()))
+            presses.append(KeyPress(self._study.response.quit_keys[0], self.now()))
         if self._answer and self.now() >= self._answer.t_s:
             presses.append(self._answer)
             self._answer = None
@@ -294,7 +290,7 @@ class Presenter:
             self._flip(draw)
             poll()
             for press in self.key_presses():
-                if press.key in self._protocol.response.quit_keys:
+                if press.key in self._study.response.quit_keys:
                     return False
                 on_key(press.key)
             if self.now() >= until_s:

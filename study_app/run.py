@@ -70,7 +70,7 @@ def run_session(
         opened = _OpenSession(setup, listener, stack)
         recorder, plan = opened.begin(resuming=resuming)
         gaze_check = opened.gaze_check(recorder)
-        with recorder, _signals_quit(opened.window, setup.protocol):
+        with recorder, _signals_quit(opened.window, setup.study):
             return conduct(
                 opened.setup, plan, recorder, opened.presenter, opened.gaze, listener, gaze_check
             )
@@ -78,8 +78,8 @@ def run_session(
 
 def _fit_to_open(setup: SessionSetup, *, resuming: bool) -> SessionSetup:
     """Return a setup in its language, of which no part can be refused without a window."""
-    protocol, display, manifest = setup.protocol, setup.display, setup.manifest
-    check_manifest(protocol, manifest)
+    study, display, manifest = setup.study, setup.display, setup.manifest
+    check_manifest(study, manifest)
     folder = setup.folder
     if resuming:
         journal = read_journal(folder / JOURNAL_NAME, lenient=True)
@@ -87,9 +87,9 @@ def _fit_to_open(setup: SessionSetup, *, resuming: bool) -> SessionSetup:
     else:
         require_unused(folder)
     _ = setup.texts  # refused in a language that is missing
-    require_showable(protocol, display, manifest, setup.spoken)
+    require_showable(study, display, manifest, setup.spoken)
     check_files(setup.stimuli, manifest)
-    setup.marks.check(example_scripts(protocol, display)[0])
+    setup.marks.check(example_scripts(study, display)[0])
     if (setup.gaze or "").startswith("replay") and not setup.simulated:
         raise StudyError("--gaze: a recording is no participant: replay needs --simulate")
     return setup
@@ -105,12 +105,12 @@ class _OpenSession:
     """
 
     def __init__(self, setup: SessionSetup, listener: SessionListener, stack: ExitStack) -> None:
-        protocol = setup.protocol
+        study = setup.study
         window = stack.enter_context(Window(setup.display, pacing=setup.pacing))
         flips = SESSION_FLIPS if setup.pacing == "vsync" else REHEARSAL_FLIPS
         check = check_display(window, setup.wall_clock, flips)
         late = shortfall(check)
-        if late and check.intervals.missed > protocol.trial.dropped_frames_max:
+        if late and check.intervals.missed > study.trial.dropped_frames_max:
             raise StudyError(late)
         listener.on_check(check)
         self.window, self._listener, self._targets = window, listener, Targets()
@@ -122,7 +122,7 @@ class _OpenSession:
         )
         self._targets.show = self.presenter.look_at
         drawn_by = describe(window.ctx)
-        follows = protocol.stimuli.follows_gaze
+        follows = study.stimuli.follows_gaze
         self._notes = [require_live(self.presenter, setup, drawn_by.name)] if follows else []
         if over := window.lies_under():
             self._notes.append(
@@ -177,11 +177,11 @@ def require_live(presenter: Presenter, setup: SessionSetup, renderer: str) -> st
 def _gaze(
     setup: SessionSetup, window: Window, refresh_hz: float, targets: Targets
 ) -> GazeSource | None:
-    protocol, display = setup.protocol, setup.display
-    if protocol.gaze.mode == "none":
+    study, display = setup.study, setup.display
+    if study.gaze.mode == "none":
         return None
     if setup.gaze is None:
-        dot = (protocol.trial.fixation_x_deg, protocol.trial.fixation_y_deg)
+        dot = (study.trial.fixation_x_deg, study.trial.fixation_y_deg)
         return SimulatedGaze(window.now, Viewing.of(display), dot, behaviour=HUMAN)
     if setup.gaze.startswith("mouse"):
         window.show_cursor(True, stays=True)
@@ -193,7 +193,7 @@ def _gaze(
             window.cursor_px,
             refresh_hz,
             targets,
-            store=protocol.privacy.store_gaze,
+            store=study.privacy.store_gaze,
         ),
     )
 
@@ -210,7 +210,7 @@ def _restart(setup: SessionSetup, gaze: GazeSource | None) -> Callable[[PlannedT
 
 
 @contextmanager
-def _signals_quit(window: Window, protocol: StudyProtocol) -> Iterator[None]:
+def _signals_quit(window: Window, study: StudyProtocol) -> Iterator[None]:
     """Let Ctrl-C in the terminal, or a polite kill, press the quit key; a second one stops hard."""
     asked: list[int] = []
 
@@ -218,7 +218,7 @@ def _signals_quit(window: Window, protocol: StudyProtocol) -> Iterator[None]:
         asked.append(number)
         if len(asked) > 1:
             raise KeyboardInterrupt
-        window.press(protocol.response.quit_keys[0])
+        window.press(study.response.quit_keys[0])
         with suppress(OSError, ValueError):  # the terminal may be gone
             print(
                 "asked the participant's window to quit; press again to stop at once",

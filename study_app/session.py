@@ -84,12 +84,10 @@ class Finish:
 Step: TypeAlias = AskConsent | StartBlock | RunTrial | EndBlock | TakeBreak | AskQuestion | Finish
 
 
-def next_step(
-    protocol: StudyProtocol, plan: Plan, events: Sequence[AnyEvent], language: str
-) -> Step:
+def next_step(study: StudyProtocol, plan: Plan, events: Sequence[AnyEvent], language: str) -> Step:
     """Return the session's next step."""
     consent = next((event for event in events if isinstance(event, Consent)), None)
-    if protocol.privacy.consent_required:
+    if study.privacy.consent_required:
         if consent is None:
             return AskConsent()
         if not consent.agreed:
@@ -105,21 +103,21 @@ def next_step(
             continue
         if block not in started:
             return StartBlock(block, len(plan.block(block)), first=not started)
-        queue = remaining(protocol, plan, block, attempts)
+        queue = remaining(study, plan, block, attempts)
         if not queue:
             return EndBlock(block)
         tries = sum(attempt.trial == queue[0].id for attempt in attempts)
-        trial = chosen(protocol, plan, queue[0], attempts)
+        trial = chosen(study, plan, queue[0], attempts)
         return RunTrial(trial, attempt=tries + 1, position=len(attempts))
     answered = {event.question for event in events if isinstance(event, Answer)}
-    for question in protocol.text.languages[language].questions:
+    for question in study.text.languages[language].questions:
         if question.name not in answered:
             return AskQuestion(question)
     return Finish(consented=True)
 
 
 def following(
-    protocol: StudyProtocol, plan: Plan, events: Sequence[AnyEvent], trial: PlannedTrial
+    study: StudyProtocol, plan: Plan, events: Sequence[AnyEvent], trial: PlannedTrial
 ) -> PlannedTrial | None:
     """Return the trial after `trial`, the one that runs; None where that is not known.
 
@@ -128,11 +126,11 @@ def following(
     may whether practice goes on.
     """
     attempts = [event for event in events if isinstance(event, Attempt)]
-    queue = remaining(protocol, plan, trial.block, attempts)[1:]
-    for trials in _practice_rounds(protocol, plan) if trial.block == 0 else ():
-        if [entry.id for entry in _queue(protocol, plan, trials, attempts)] == [trial.id]:
+    queue = remaining(study, plan, trial.block, attempts)[1:]
+    for trials in _practice_rounds(study, plan) if trial.block == 0 else ():
+        if [entry.id for entry in _queue(study, plan, trials, attempts)] == [trial.id]:
             answers = _right_answers(trials, attempts)
-            passed = {_is_passed(protocol, [*answers, right]) for right in (True, False)}
+            passed = {_is_passed(study, [*answers, right]) for right in (True, False)}
             if len(passed) > 1:
                 return None
             queue = [] if passed == {True} else queue
@@ -141,7 +139,7 @@ def following(
 
 
 def remaining(
-    protocol: StudyProtocol, plan: Plan, block: int, attempts: Sequence[Attempt]
+    study: StudyProtocol, plan: Plan, block: int, attempts: Sequence[Attempt]
 ) -> list[PlannedTrial]:
     """Return the trials of a block that are still to come, in order.
 
@@ -149,21 +147,21 @@ def remaining(
     trial is left, and not next to one that shows the same. After `max_attempts` it is given up.
     Practice with a criterion ends with the first round that reaches it.
     """
-    rounds = _practice_rounds(protocol, plan) if block == 0 else []
+    rounds = _practice_rounds(study, plan) if block == 0 else []
     if not rounds:
-        return _queue(protocol, plan, plan.block(block), attempts)
+        return _queue(study, plan, plan.block(block), attempts)
     for number, trials in enumerate(rounds):
-        left = _queue(protocol, plan, trials, attempts)
+        left = _queue(study, plan, trials, attempts)
         if left:
             return left + [trial for later in rounds[number + 1 :] for trial in later]
-        if _is_passed(protocol, _right_answers(trials, attempts)):
+        if _is_passed(study, _right_answers(trials, attempts)):
             break
     return []
 
 
-def _practice_rounds(protocol: StudyProtocol, plan: Plan) -> list[tuple[PlannedTrial, ...]]:
+def _practice_rounds(study: StudyProtocol, plan: Plan) -> list[tuple[PlannedTrial, ...]]:
     """Return the rounds of practice with a criterion; none where practice has none."""
-    practice = protocol.design.practice
+    practice = study.design.practice
     if practice is None or practice.criterion_share is None:
         return []
     trials, each = plan.block(0), practice.trials
@@ -180,15 +178,15 @@ def _right_answers(trials: Sequence[PlannedTrial], attempts: Sequence[Attempt]) 
     ]
 
 
-def _is_passed(protocol: StudyProtocol, answers: Sequence[bool]) -> bool:
+def _is_passed(study: StudyProtocol, answers: Sequence[bool]) -> bool:
     """Return True if these answers to a round of practice reach its criterion."""
-    practice = protocol.design.practice
+    practice = study.design.practice
     share = practice.criterion_share if practice else None
     return share is not None and bool(answers) and sum(answers) >= share * len(answers)
 
 
 def _queue(
-    protocol: StudyProtocol, plan: Plan, trials: Sequence[PlannedTrial], attempts: Sequence[Attempt]
+    study: StudyProtocol, plan: Plan, trials: Sequence[PlannedTrial], attempts: Sequence[Attempt]
 ) -> list[PlannedTrial]:
     queue = list(trials)
     names = {trial.id for trial in trials}
@@ -202,7 +200,7 @@ def _queue(
             continue
         if attempt.void_reason not in NOT_THE_PARTICIPANTS:
             counted[trial.id] = counted.get(trial.id, 0) + 1
-        if counted.get(trial.id, 0) < protocol.design.max_attempts:
+        if counted.get(trial.id, 0) < study.design.max_attempts:
             queue.insert(_place(plan, queue, trial, attempt.attempt), trial)
     return queue
 

@@ -97,7 +97,7 @@ def _journals(root: Path, study: str | None) -> list[Path]:
     return sorted(root.glob(f"{glob.escape(study) if study else '*'}/*/{JOURNAL_NAME}"))
 
 
-def session_folder(root: Path, protocol: StudyProtocol, participant: str) -> Path:
+def session_folder(root: Path, study: StudyProtocol, participant: str) -> Path:
     """Return the folder of a participant's journal.
 
     Raises
@@ -112,12 +112,12 @@ def session_folder(root: Path, protocol: StudyProtocol, participant: str) -> Pat
             "participant: a code must be letters, digits, single dashes and underscores, at most"
             f" 32 (got {participant!r}); use a pseudonym, never a name"
         ) from None
-    if not protocol.privacy.accepts(participant):
+    if not study.privacy.accepts(participant):
         raise StudyError(
-            f"participant: a code must be {form_of(protocol.privacy.code_pattern)} (got"
+            f"participant: a code must be {form_of(study.privacy.code_pattern)} (got"
             f" {participant!r}); the study's privacy.code_pattern says so"
         )
-    return root / protocol.study.name / participant
+    return root / study.study.name / participant
 
 
 def require_portable(folder: Path) -> None:

@@ -34,7 +34,7 @@ LATE_MOST = 3
 class SessionSetup:
     """Everything that a session depends on, but the stage and the gaze source that are open."""
 
-    protocol: StudyProtocol
+    study: StudyProtocol
     display: Display
     manifest: Manifest
     root: Path
@@ -71,18 +71,18 @@ class SessionSetup:
     @property
     def folder(self) -> Path:
         """Folder of the participant's journal; `StudyError` as `session_folder` says."""
-        return session_folder(self.root, self.protocol, self.participant)
+        return session_folder(self.root, self.study, self.participant)
 
     @property
     def spoken(self) -> str:
         """Language of the texts."""
         given = self.language
-        return self.protocol.text.default_language if given is None else given
+        return self.study.text.default_language if given is None else given
 
     @property
     def texts(self) -> Texts:
         """Everything a participant reads; `StudyError` if the language is missing."""
-        languages = self.protocol.text.languages
+        languages = self.study.text.languages
         try:
             return languages[self.spoken]
         except KeyError:

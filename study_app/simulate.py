@@ -34,7 +34,7 @@ from study_app.virtual import Fault, VirtualClock, VirtualStage
 class SimulatedStudy:
     """Everything a simulated study depends on."""
 
-    protocol: StudyProtocol
+    study: StudyProtocol
     display: Display
     seed: int = 0
     model: ObserverModel | None = None
@@ -53,12 +53,12 @@ class SimulatedStudy:
     @cached_property
     def shown(self) -> Manifest:
         """The clips of the sessions."""
-        return self.manifest or virtual_manifest(self.protocol, self.display)
+        return self.manifest or virtual_manifest(self.study, self.display)
 
     @property
     def described(self) -> str:
         """Seed, and a hash of all else that decides what observers do."""
-        model = self.model or default_model(self.protocol)
+        model = self.model or default_model(self.study)
         options: list[Json] = [
             repr(model), repr(self.gaze), self.gaze_rate_hz, self.missed_per_flip,
             self.late_per_flip, self.doubled_per_flip,
@@ -70,7 +70,7 @@ class SimulatedStudy:
     ) -> SessionSetup:
         """Return the setup of a session below `root`."""
         return SessionSetup(
-            protocol=self.protocol,
+            study=self.study,
             display=self.display,
             manifest=self.shown,
             root=root,
@@ -118,12 +118,12 @@ def simulate_study(
     StudyError
         If the display cannot show the study, or a folder holds something else.
     """
-    require_showable(simulation.protocol, simulation.display, simulation.shown)
+    require_showable(simulation.study, simulation.display, simulation.shown)
     outcomes = {}
     finished = (
         {
             session.participant
-            for session in find_sessions(root, simulation.protocol.study.name)
+            for session in find_sessions(root, simulation.study.study.name)
             if session.state == "completed"
         }
         if root.is_dir()
@@ -157,7 +157,7 @@ def simulate_session(
     setup = simulation.setup(root, clock, participant, language)
     setup = replace(setup, late_most=sys.maxsize)  # what is missed was asked for
     stage, gaze = _stage(simulation, participant, clock)
-    folder = root / simulation.protocol.study.name / participant
+    folder = root / simulation.study.study.name / participant
     goes_on = folder.exists() and not is_stillborn(folder)
     recorder, plan = (resume if goes_on else begin)(setup, stage, gaze)
     recorder.waits_for_disk = False  # it can be simulated anew
@@ -170,12 +170,12 @@ def _stage(
     simulation: SimulatedStudy, participant: str, clock: VirtualClock
 ) -> tuple[VirtualStage, SimulatedGaze | None]:
     """Return the virtual display and, where the protocol watches gaze, the eye."""
-    protocol, display = simulation.protocol, simulation.display
-    model = simulation.model or default_model(protocol)
-    observer = ArtificialObserver(model, protocol.response, simulation.seed, participant)
+    study, display = simulation.study, simulation.display
+    model = simulation.model or default_model(study)
+    observer = ArtificialObserver(model, study.response, simulation.seed, participant)
     gaze = None
-    if protocol.gaze.mode != "none":
-        dot = (protocol.trial.fixation_x_deg, protocol.trial.fixation_y_deg)
+    if study.gaze.mode != "none":
+        dot = (study.trial.fixation_x_deg, study.trial.fixation_y_deg)
         gaze = SimulatedGaze(
             clock,
             Viewing.of(display),
@@ -183,7 +183,7 @@ def _stage(
             rate_hz=simulation.gaze_rate_hz,
             behaviour=simulation.gaze,
         )
-    shown_s = protocol.trial.fixation_s + protocol.task.shown_s(protocol.pool)
+    shown_s = study.trial.fixation_s + study.task.shown_s(study.pool)
     flips = round(4 * shown_s * display.refresh_hz)
 
     def on_prepare(trial: PlannedTrial, attempt: int) -> Mapping[int, Fault]:

@@ -27,14 +27,14 @@ class SessionFinding:
     """Checks that could not be made."""
 
 
-def verify(session: SessionFolder, protocol: StudyProtocol | None = None) -> SessionFinding:
+def verify(session: SessionFolder, study: StudyProtocol | None = None) -> SessionFinding:
     """Check everything that was recorded of a session.
 
     Parameters
     ----------
     session : SessionFolder
         As it stands on the disk.
-    protocol : StudyProtocol, optional
+    study : StudyProtocol, optional
         Compares every attempt with the plan and, one after the other, with what the session had
         to do next; left out: only checksums and files are checked.
 
@@ -52,8 +52,8 @@ def verify(session: SessionFolder, protocol: StudyProtocol | None = None) -> Ses
         notes.append("the last line is unfinished: the program was killed while writing it")
     files = check_side_files(journal)
     problems += [f"{entry.file} {entry.reason}" for entry in files.wrong]
-    if protocol is not None and journal.has_lines and not journal.withdrawn:
-        told, left = _compare(journal, protocol)
+    if study is not None and journal.has_lines and not journal.withdrawn:
+        told, left = _compare(journal, study)
         problems, notes = problems + told, notes + left
     return SessionFinding(session, files.checked, tuple(problems), tuple(notes))
 
@@ -68,17 +68,17 @@ def checksums_of(journal: Journal) -> str:
     return f"none of {lines} lines has one: written by an older version"
 
 
-def _compare(journal: Journal, protocol: StudyProtocol) -> tuple[list[str], list[str]]:
+def _compare(journal: Journal, study: StudyProtocol) -> tuple[list[str], list[str]]:
     """Return the contradictions of the plan, and what could not be compared."""
     start = journal.events[0] if journal.events else None
     if not isinstance(start, SessionStart):
         return [], ["trials are not compared with the plan: the first line is damaged"]
-    if start.protocol_sha256 != protocol.sha256:
+    if start.protocol_sha256 != study.sha256:
         return [
             f"protocol: must be the one that the session began with"
-            f" ({start.protocol_sha256[:12]}, got {protocol.sha256[:12]})"
+            f" ({start.protocol_sha256[:12]}, got {study.sha256[:12]})"
         ], []
-    plan = plan_of(protocol, start)
+    plan = plan_of(study, start)
     if plan is None:
         return [
             f"the plan must come out as it did (hash {start.plan_sha256[:12]}); verify with the"
@@ -86,23 +86,21 @@ def _compare(journal: Journal, protocol: StudyProtocol) -> tuple[list[str], list
         ], []
     found = [
         f"line {attempt.n + 1}: {reason}"
-        for attempt, reason in contradictions(protocol, plan, journal.attempts)
+        for attempt, reason in contradictions(study, plan, journal.attempts)
     ]
     if found or journal.damaged:
         return found, ["the order of trials is not compared: lines are damaged"]
-    return _out_of_order(journal, protocol, plan, start.language), []
+    return _out_of_order(journal, study, plan, start.language), []
 
 
-def _out_of_order(
-    journal: Journal, protocol: StudyProtocol, plan: Plan, language: str
-) -> list[str]:
+def _out_of_order(journal: Journal, study: StudyProtocol, plan: Plan, language: str) -> list[str]:
     """Return the first attempt that was not what came next after all events before it."""
     for index, event in enumerate(journal.events):
         if not isinstance(event, Attempt):
             continue
         place = f"line {event.n + 1}"
         try:
-            step = next_step(protocol, plan, journal.events[:index], language)
+            step = next_step(study, plan, journal.events[:index], language)
         except (StudyError, StopIteration, KeyError) as error:
             return [f"{place}: cannot follow from the lines before it ({error})"]
         if not isinstance(step, RunTrial):

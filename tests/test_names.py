@@ -138,6 +138,26 @@ def test_no_folder_has_more_files_than_can_be_seen_at_once(repository):
     assert {folder: many for folder, many in files.items() if many > 30} == {}
 
 
+def names_of_studies(source: str) -> set[str]:
+    """Return the names of parameters and fields that hold a study, without a leading underscore."""
+    arguments = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.arg)]
+    fields = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.AnnAssign)]
+    named = [(node.arg, node.annotation) for node in arguments]
+    named += [(ast.unparse(node.target), node.annotation) for node in fields]
+    return {
+        name.lstrip("_")
+        for name, stated in named
+        if stated and ast.unparse(stated).removesuffix(" | None").strip("'") == "StudyProtocol"
+    }
+
+
+def test_a_study_is_called_study_everywhere(sources):
+    named = {path: names_of_studies(source) for path, source in sources.items()}
+
+    assert {path: names for path, names in named.items() if names - {"study"}} == {}
+    assert any(named.values()), "a study is named somewhere"
+
+
 @pytest.mark.parametrize("home", ["analysis/arrays.py", "pipeline/frame.py"])
 def test_an_array_type_has_one_name_in_a_package(sources, home):
     named = re.compile(r"NDArray\[np\.(float64|int64|bool_)\]")

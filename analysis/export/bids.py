@@ -76,7 +76,7 @@ def subject(person: Person) -> str:
 def _write_run(
     content: ExportedStudy, folder: Path, person: Person, run: Run, display: Display
 ) -> list[str]:
-    task = label(content.protocol.study.name)
+    task = label(content.study.study.name)
     stem = f"{subject(person)}_task-{task}_run-{run.number}"
     beh = folder / subject(person) / "beh"
     beh.mkdir(parents=True, exist_ok=True)
@@ -95,7 +95,7 @@ def _write_run(
         numbers = {attempt.position for attempt in run.attempts}
         table = mine[[int(position) in numbers for position in mine["position"]]]
     if len(table):
-        known = attempt_columns(content.protocol)
+        known = attempt_columns(content.study)
         columns = [c for c in known if c.name in table and c.name not in _NOT_IN_BEH]
         write_tsv(beh / f"{stem}_beh.tsv", table, [FileColumn.of(column) for column in columns])
         write_json(beh / f"{stem}_beh.json", about | column_docs(columns))
@@ -104,10 +104,10 @@ def _write_run(
 
 def _about(content: ExportedStudy, person: Person, run: Run, display: Display) -> dict[str, Json]:
     """Return the fields of a whole run: the task, and the screen."""
-    start, protocol = person.reading.start, content.protocol
-    texts = protocol.text.languages.get(start.language)
+    start, study = person.reading.start, content.study
+    texts = study.text.languages.get(start.language)
     found: dict[str, Json] = {
-        "TaskName": protocol.study.name,
+        "TaskName": study.study.name,
         "TaskDescription": content.description,
     }
     if texts is not None:
@@ -185,10 +185,10 @@ def _write_answers(content: ExportedStudy, folder: Path) -> None:
     wide.insert(0, "participant_id", [names[str(code)] for code in wide.index])
     asked = {
         question.name: question.text
-        for texts in content.protocol.text.languages.values()
+        for texts in content.study.text.languages.values()
         for question in texts.questions
     }
-    default = content.protocol.text.languages[content.protocol.text.default_language]
+    default = content.study.text.languages[content.study.text.default_language]
     asked |= {question.name: question.text for question in default.questions}
     columns = [FileColumn("participant_id", "Participant")] + [
         FileColumn(str(name), scrub(asked.get(str(name), str(name)), public=content.public))
@@ -213,7 +213,7 @@ def _write_stimuli(content: ExportedStudy, folder: Path) -> None:
         for attempt in person.reading.journal.attempts
         for stimulus in attempt.stimuli
     }
-    recipe = content.protocol.stimuli
+    recipe = content.study.stimuli
     pool = [entry for entry in recipe.pool() if entry.name in shown]
     if not pool:
         return

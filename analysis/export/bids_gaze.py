@@ -104,8 +104,8 @@ def _sidecar(content: ExportedStudy, person: Person, run: Run, first_s: float) -
     source = gaze_source(gaze.source, public=content.public) if gaze else NOTHING
     checks = [event for event in run.events if isinstance(event, Calibration)]
     found: dict[str, Json] = {
-        "TaskName": content.protocol.study.name,
-        "SamplingFrequency": gaze.rate_hz if gaze else content.protocol.gaze.rate_min_hz,
+        "TaskName": content.study.study.name,
+        "SamplingFrequency": gaze.rate_hz if gaze else content.study.gaze.rate_min_hz,
         "StartTime": first_s,
         "Columns": list(_COLUMNS),
         "PhysioType": "eyetrack",
@@ -154,7 +154,7 @@ def _write_messages(stem: Path, content: ExportedStudy, attempts: list[Attempt])
     write_json(
         stem.with_name(stem.name + ".json"),
         {
-            "TaskName": content.protocol.study.name,
+            "TaskName": content.study.study.name,
             "Columns": ["onset", "duration", "trial_type", "message"],
             "Description": "Phases of the attempts during which gaze was stored",
             "OnsetSource": "timestamp",

@@ -49,7 +49,7 @@ class Person:
 
 
 def people_of(
-    study: StudyReadings, protocol: StudyProtocol, *, public: bool
+    recorded: StudyReadings, study: StudyProtocol, *, public: bool
 ) -> tuple[tuple[Person, ...], tuple[str, ...]]:
     """Return everyone who may be exported, and what is to be said of the others.
 
@@ -58,8 +58,8 @@ def people_of(
     that says neither when they came nor what they were called: it follows from what they did.
     """
     kept, notes = [], []
-    for reading in study.readings:
-        if protocol.privacy.consent_required and not _agreed(reading.journal.events):
+    for reading in recorded.readings:
+        if study.privacy.consent_required and not _agreed(reading.journal.events):
             notes.append(f"{reading.name}: left out, its journal holds no consent")
             continue
         kept.append(reading)
@@ -104,7 +104,7 @@ def _agreed(events: tuple[AnyEvent, ...]) -> bool:
 class ExportedStudy:
     """A study, ready to be written."""
 
-    protocol: StudyProtocol
+    study: StudyProtocol
     people: tuple[Person, ...]
     tables: TidyTables
     options: ExportOptions
@@ -124,12 +124,12 @@ class ExportedStudy:
     def title(self) -> str:
         """The study's title; simulated data says so first."""
         mark = "SIMULATED: " if self.tables.simulated else ""
-        return mark + scrub(self.protocol.study.title, public=self.public)
+        return mark + scrub(self.study.study.title, public=self.public)
 
     @property
     def description(self) -> str:
         """Description of the study, a sentence or two."""
-        study = self.protocol.study
+        study = self.study.study
         text = study.description or study.title
         if self.tables.simulated:
             text = "Made by artificial observers; nobody sat there. " + text
@@ -138,7 +138,7 @@ class ExportedStudy:
     @property
     def source(self) -> str:
         """The publication whose design the study follows; may be empty."""
-        return scrub(self.protocol.study.source, public=self.public)
+        return scrub(self.study.study.source, public=self.public)
 
     def readme(self, *paragraphs: str, lists_sessions: bool = True) -> str:
         """Return a README of the export; `lists_sessions` says if it has a table of them."""
@@ -148,7 +148,7 @@ class ExportedStudy:
             f"# {markdown(self.title)}",
             markdown(self.description),
             f"{count_of(len(sessions), 'participant')}, {whole} of them with a completed session."
-            f" A trial: {self.protocol.task.description(self.protocol.pool)}."
+            f" A trial: {self.study.task.description(self.study.pool)}."
             + (
                 " Sessions that were cut short are here as they are: see the column `status`."
                 if lists_sessions
@@ -176,8 +176,8 @@ class ExportedStudy:
                 " when participants came, so they were left out."
             )
         lines += [
-            f"Protocol `{self.protocol.study.name}`, version {self.protocol.study.version},"
-            f" SHA-256 `{self.protocol.sha256}`. Written by {_program()} from append-only"
+            f"Protocol `{self.study.study.name}`, version {self.study.study.version},"
+            f" SHA-256 `{self.study.sha256}`. Written by {_program()} from append-only"
             " journals, which stay with the lab"
             + ("; `journal_sha256` names each." if lists_sessions else "."),
         ]

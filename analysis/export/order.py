@@ -43,40 +43,40 @@ _Arranged = tuple[frozenset[tuple[str, object]], tuple[str, ...]]
 class OrderlessSessions:
     """Sessions without the order of their trials."""
 
-    study: StudyReadings
+    recorded: StudyReadings
     shifts: dict[str, dict[int, float]]
     """By the name of a session, then by the line of an attempt: what was added to its times."""
     trials: dict[tuple[str, str], str]
     """By participant and trial of the plan: the name that all share."""
 
 
-def tells_codes(protocol: StudyProtocol) -> bool:
+def tells_codes(study: StudyProtocol) -> bool:
     """Return True if the order of trials follows from what is public and the code alone."""
-    return protocol.privacy.secret_sha256 is None
+    return study.privacy.secret_sha256 is None
 
 
-def telling_columns(protocol: StudyProtocol) -> frozenset[str]:
+def telling_columns(study: StudyProtocol) -> frozenset[str]:
     """Return the columns that tell a participant's place where it follows from the slot.
 
     None where the place is drawn by a secret, or decides nothing. Names of stimuli, phase by phase,
     are among them if a condition can be shown in several ways.
     """
-    if not tells_codes(protocol) and not arrival_shows(protocol):
+    if not tells_codes(study) and not arrival_shows(study):
         return frozenset()
-    arranged = protocol.task.arranged_columns(protocol.pool)
+    arranged = study.task.arranged_columns(study.pool)
     return _SIDE_COLUMNS | arranged | (_SHOWN_COLUMNS if arranged else frozenset())
 
 
-def tells_order(protocol: StudyProtocol) -> bool:
+def tells_order(study: StudyProtocol) -> bool:
     """Return True if the order of trials tells codes or slots.
 
     Where a rule chooses what is shown, the secret alone seeds the order.
     """
-    adapts = protocol.task.adaptation is not None
-    return tells_codes(protocol) or (bool(telling_columns(protocol)) and not adapts)
+    adapts = study.task.adaptation is not None
+    return tells_codes(study) or (bool(telling_columns(study)) and not adapts)
 
 
-def refuse_adaptive(protocol: StudyProtocol) -> None:
+def refuse_adaptive(study: StudyProtocol) -> None:
     """Refuse a study whose very choice of stimuli follows from the code.
 
     Raises
@@ -84,7 +84,7 @@ def refuse_adaptive(protocol: StudyProtocol) -> None:
     StudyError
         With the cure.
     """
-    if protocol.task.adaptation is not None:
+    if study.task.adaptation is not None:
         raise StudyError(
             "--public: a study that chooses its trials from the answers must have a secret"
             " (privacy.secret_sha256; this one has none): which stimuli came, in any order, tells"
@@ -93,21 +93,21 @@ def refuse_adaptive(protocol: StudyProtocol) -> None:
         )
 
 
-def without_order(study: StudyReadings, protocol: StudyProtocol) -> OrderlessSessions:
+def without_order(recorded: StudyReadings, study: StudyProtocol) -> OrderlessSessions:
     """Return the sessions with main trials alone, in an order that all share.
 
     What is not whole is left out: which trials are missing tells what came first.
     """
     kept: list[JournalReading] = []
-    notes = list(study.notes)
+    notes = list(recorded.notes)
     shifts: dict[str, dict[int, float]] = {}
     trials: dict[tuple[str, str], str] = {}
     conditions = {
         _arranged(arrangement.condition, arrangement.stimuli): number
-        for number, cell in enumerate(protocol.task.cells(protocol.pool))
+        for number, cell in enumerate(study.task.cells(study.pool))
         for arrangement in cell.arrangements
     }
-    for reading in study.readings:
+    for reading in recorded.readings:
         names = _names(reading, conditions)
         if len(names) != reading.start.trials:
             notes.append(

@@ -68,20 +68,20 @@ def _revisions(texts: Iterable[str]) -> str:
     return "; ".join(sorted({t if _REVISION.fullmatch(t) else OTHER for t in texts}))
 
 
-def choices(protocol: StudyProtocol, question: str) -> set[str]:
+def choices(study: StudyProtocol, question: str) -> set[str]:
     """Return every choice that a closing question offers, in any language."""
     return {
         choice
-        for texts in protocol.text.languages.values()
+        for texts in study.text.languages.values()
         for entry in texts.questions
         if entry.name == question
         for choice in entry.choices
     }
 
 
-def public_readings(study: StudyReadings, protocol: StudyProtocol) -> StudyReadings:
+def public_readings(recorded: StudyReadings, study: StudyProtocol) -> StudyReadings:
     """Return sessions whose attempts say no words but those of the study's own conditions."""
-    words, names = _words(protocol), {entry.name for entry in protocol.stimuli.pool()}
+    words, names = _words(study), {entry.name for entry in study.stimuli.pool()}
 
     def known(attempt: Attempt) -> Attempt:
         return attempt.model_copy(
@@ -109,22 +109,22 @@ def public_readings(study: StudyReadings, protocol: StudyProtocol) -> StudyReadi
                 ),
             ),
         )
-        for reading in study.readings
+        for reading in recorded.readings
     )
-    return replace(study, readings=readings)
+    return replace(recorded, readings=readings)
 
 
-def _words(protocol: StudyProtocol) -> set[str | None]:
+def _words(study: StudyProtocol) -> set[str | None]:
     """Return every text in the conditions of a study's trials, and the names of its tracks."""
-    task = protocol.task
+    task = study.task
     rule = task.adaptation
-    slots = rule.slots(task, protocol.pool, Chance("tracks")) if rule else ()
+    slots = rule.slots(task, study.pool, Chance("tracks")) if rule else ()
     return {
         None,
         *(slot.track for slot in slots),
         *(
             value
-            for cell in protocol.cells()
+            for cell in study.cells()
             for arrangement in cell.arrangements
             for value in arrangement.condition.values()
             if isinstance(value, str)
@@ -132,14 +132,14 @@ def _words(protocol: StudyProtocol) -> set[str | None]:
     }
 
 
-def public_tables(tidy: TidyTables, protocol: StudyProtocol, codes: dict[str, str]) -> TidyTables:
+def public_tables(tidy: TidyTables, study: StudyProtocol, codes: dict[str, str]) -> TidyTables:
     """Return tidy tables without wall-clock times, folders, typed answers and private words.
 
     Parameters
     ----------
     tidy : TidyTables
         Tables of everyone who is exported.
-    protocol : StudyProtocol
+    study : StudyProtocol
         Says which answers were offered, not typed.
     codes : dict
         Name of a participant in the export, by participant code.
@@ -152,7 +152,7 @@ def public_tables(tidy: TidyTables, protocol: StudyProtocol, codes: dict[str, st
     asked = zip(tidy.answers["question"], tidy.answers["text"], strict=True)
     said = tidy.answers.assign(text=[scrub(text, public=True) for text in tidy.answers["text"]])
     offered = pd.Series(
-        [text in choices(protocol, question) for question, text in asked],
+        [text in choices(study, question) for question, text in asked],
         index=tidy.answers.index,
         dtype=bool,
     )

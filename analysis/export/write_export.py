@@ -65,7 +65,7 @@ class Export:
 
 def export_study(
     sessions: Path,
-    protocol: StudyProtocol,
+    study: StudyProtocol,
     out: Path,
     form: Format,
     options: ExportOptions | None = None,
@@ -85,41 +85,41 @@ def export_study(
         cannot take answers of the study's task, or a public export would tell codes.
     """
     options = options or ExportOptions()
-    if form == "pwcmp" and protocol.analysis.kind != "preference":
+    if form == "pwcmp" and study.analysis.kind != "preference":
         raise StudyError(
-            f"--format: pwcmp takes preferences between pairs (the task is {protocol.task.kind!r});"
+            f"--format: pwcmp takes preferences between pairs (the task is {study.task.kind!r});"
             " choose bids"
         )
     if without_links(out).is_relative_to(without_links(sessions)):
         raise StudyError(f"{out}: must lie outside the folder of sessions ({sessions})")
     check_result(out)
-    study = read_study(sessions, protocol, progress=progress)
+    recorded = read_study(sessions, study, progress=progress)
     unordered, left_out = None, frozenset[str]()
     if options.public:
-        study, left_out = public_readings(study, protocol), telling_columns(protocol)
-        if tells_codes(protocol):
-            refuse_adaptive(protocol)
-        if tells_order(protocol):
-            unordered = without_order(study, protocol)
-    recorded = {reading.name: reading for reading in study.readings}
-    study = unordered.study if unordered else study
-    people, absent = people_of(study, protocol, public=options.public)
-    notes = (*study.notes, *absent)
+        recorded, left_out = public_readings(recorded, study), telling_columns(study)
+        if tells_codes(study):
+            refuse_adaptive(study)
+        if tells_order(study):
+            unordered = without_order(recorded, study)
+    by_name = {reading.name: reading for reading in recorded.readings}
+    recorded = unordered.recorded if unordered else recorded
+    people, absent = people_of(recorded, study, public=options.public)
+    notes = (*recorded.notes, *absent)
     if not people:
         raise StudyError(
             f"{sessions}: must hold a session that may be exported: " + "; ".join(notes)
         )
-    kept = StudyReadings(tuple(recorded[person.reading.name] for person in people), notes)
-    tables = tidy_tables(kept, protocol)
+    kept = StudyReadings(tuple(by_name[person.reading.name] for person in people), notes)
+    tables = tidy_tables(kept, study)
     if unordered:
         tables = unordered_tables(tables, unordered)
     if options.public:
         codes = {person.reading.start.participant: person.code for person in people}
-        tables = public_tables(without_columns(tables, left_out), protocol, codes)
+        tables = public_tables(without_columns(tables, left_out), study, codes)
     shifts = unordered.shifts if unordered else None
-    content = ExportedStudy(protocol, people, tables, options, progress, shifts, left_out)
+    content = ExportedStudy(study, people, tables, options, progress, shifts, left_out)
     with whole_folder(out) as work:  # never replaced
         found = _WRITERS[form](content, work)
         if options.public:
             refuse_private(work, out)
-    return Export(out, len(people), study.simulated, (*tables.warnings, *found))
+    return Export(out, len(people), recorded.simulated, (*tables.warnings, *found))

@@ -98,42 +98,42 @@ class PreferencePlan(AnalysisPlan):
         return rows, tuple(name for name in self.methods if name in shown)
 
 
-def preference_plan(protocol: StudyProtocol) -> PreferencePlan:
+def preference_plan(study: StudyProtocol) -> PreferencePlan:
     """Return the plan that a protocol fixes.
 
     Pairings are turned so that the primary method's share is counted, and the reference is
     always on the other side, as the papers' figures read.
     """
-    analysis, task, recipe = protocol.analysis, protocol.task, protocol.stimuli
+    analysis, task, recipe = study.analysis, study.task, study.stimuli
     if not (isinstance(analysis, PreferenceAnalysis) and isinstance(task, PairTask)):
         raise TypeError(f"a study of preferences is needed (got task {task.kind!r})")
     primary = analysis.primary
     references = {"reference"}
     if isinstance(recipe, WarpedClips):
         references = {method.name for method in recipe.methods if method.is_reference}
-    pairings = task.paired(protocol.pool)
-    cells = task.cells(protocol.pool)
+    pairings = task.paired(study.pool)
+    cells = task.cells(study.pool)
     sizes = tuple(map(str, recipe.values("size"))) or ("",)
     turned = _turned(pairings, primary.method, primary.against, references)
     comparisons = tuple(
         Comparison(
-            method, against, size, _scenes(cells, {method, against}, size), protocol.design.repeats
+            method, against, size, _scenes(cells, {method, against}, size), study.design.repeats
         )
         for size in sizes
         for method, against in turned
     )
     return PreferencePlan(
         section=analysis,
-        study=protocol.study.name,
-        title=protocol.study.title,
-        protocol_sha256=protocol.sha256,
+        study=study.study.name,
+        title=study.study.title,
+        protocol_sha256=study.sha256,
         methods=tuple(map(str, recipe.values(task.compare))),
         sizes=sizes,
         pairings=turned,
         comparisons=tuple(entry for entry in comparisons if entry.scenes),
         labels=dict(recipe.labels()),
         primary=(primary.method, primary.against, primary.size or "all"),
-        planned_participants=protocol.study.participants,
+        planned_participants=study.study.participants,
         planned_trials=sum(
             len(entry.scenes) * entry.repeats for entry in comparisons if entry.scenes
         ),

@@ -34,7 +34,7 @@ class ReportSource:
     analysis: AnyAnalysis
     decisions: pd.DataFrame
     tidy: TidyTables | None
-    protocol: StudyProtocol | None
+    study: StudyProtocol | None
     plan: AnalysisPlan
     simulated: bool
     provenance: dict[str, Json]
@@ -43,7 +43,7 @@ class ReportSource:
     """Parts of the report; none: all."""
 
 
-def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | None) -> ReportSource:
+def from_sessions(folder: Path, study: StudyProtocol, progress: Progress | None) -> ReportSource:
     """Read every session below `folder`.
 
     Raises
@@ -51,7 +51,7 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
     StudyError
         As `analysis.tidy.read_sessions`; also if exclusions leave no decision.
     """
-    tidy = read_sessions(folder, protocol, progress=progress)
+    tidy = read_sessions(folder, study, progress=progress)
     decisions = tidy.analysed
     if decisions.empty:
         lost = "; ".join(
@@ -66,10 +66,10 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
         )
     sessions = tidy.sessions
     provenance: dict[str, Json] = {
-        "protocol": protocol.study.name,
-        "protocol_version": protocol.study.version,
-        "protocol_sha256": protocol.sha256,
-        "stimuli_sha256": protocol.stimuli_sha256,
+        "protocol": study.study.name,
+        "protocol_version": study.study.version,
+        "protocol_sha256": study.sha256,
+        "stimuli_sha256": study.stimuli_sha256,
         "manifest_sha256": sorted(set(sessions["manifest_sha256"])),
         "recorded_with": sorted(set(sessions["revision"])),
         "timing_evidence": sorted(set(sessions["timing_evidence"])),
@@ -80,13 +80,13 @@ def from_sessions(folder: Path, protocol: StudyProtocol, progress: Progress | No
     }
     if tidy.live:
         provenance["sample_to_flip"] = LatencySummary.of(tidy.live).model_dump(mode="json")
-    analysis = analysis_of(protocol.analysis.kind)
+    analysis = analysis_of(study.analysis.kind)
     return ReportSource(
         analysis,
         decisions,
         tidy,
-        protocol,
-        analysis.plan(protocol),
+        study,
+        analysis.plan(study),
         tidy.simulated,
         provenance,
         (*recording_notes(sessions), *tidy.warnings),
@@ -99,7 +99,7 @@ class TableSettings:
 
     Parameters
     ----------
-    protocol : StudyProtocol, optional
+    study : StudyProtocol, optional
         Task, conditions and rules; its exclusions are not applied, because a plain table does not
         hold what they need. Without one, the task is the one that `analysis import` noted beside
         the table; a table without that note must hold preferences.
@@ -111,7 +111,7 @@ class TableSettings:
         Keys of the analysis, in place of those noted.
     """
 
-    protocol: StudyProtocol | None = None
+    study: StudyProtocol | None = None
     title: str | None = None
     where: Sequence[str] = ()
     told: Mapping[str, str] = field(default_factory=dict)
@@ -126,15 +126,15 @@ def from_table(path: Path, given: TableSettings = TableSettings()) -> ReportSour
         If the table cannot be read, holds no decision, or does not fit the protocol; if nothing
         says which task it is of.
     """
-    protocol = given.protocol
-    if protocol is not None and given.told:
+    study = given.study
+    if study is not None and given.told:
         raise StudyError("--set must be left out with --protocol, which says how to analyse")
     notes = ["imported table: no record of timing, gaze or exclusions can be checked"]
     noted = read_note(path, notes)
     table = Table(path, where=given.where, command=BY_IMPORT)
-    if protocol is not None:
-        analysis = analysis_of(protocol.analysis.kind)
-        plan = analysis.plan(protocol)
+    if study is not None:
+        analysis = analysis_of(study.analysis.kind)
+        plan = analysis.plan(study)
         decisions = _main(path, analysis.read(table, {}, analysis.section_of_table(plan)))
         analysis.check_table(path, decisions, plan)
         notes.append("the protocol's exclusion rules were not applied to this table")
@@ -146,7 +146,7 @@ def from_table(path: Path, given: TableSettings = TableSettings()) -> ReportSour
         plan = analysis.plan_of_table(decisions, path.stem, section)
     if given.title is not None:
         plan = plan.but(title=given.title)
-    return _of_table(analysis, table, decisions, plan, notes, protocol)
+    return _of_table(analysis, table, decisions, plan, notes, study)
 
 
 def from_question(
@@ -173,7 +173,7 @@ def _of_table(
     decisions: pd.DataFrame,
     plan: AnalysisPlan,
     notes: Sequence[str],
-    protocol: StudyProtocol | None = None,
+    study: StudyProtocol | None = None,
 ) -> ReportSource:
     digest = sha256_file(table.path) if table.path.is_file() else None  # a folder has none
     simulated = "simulated" in decisions and bool(decisions["simulated"].fillna(0).max())
@@ -182,7 +182,7 @@ def _of_table(
         "protocol_sha256": plan.protocol_sha256,
     }
     said = (*table.notes, *notes)
-    return ReportSource(analysis, decisions, None, protocol, plan, simulated, provenance, said)
+    return ReportSource(analysis, decisions, None, study, plan, simulated, provenance, said)
 
 
 def _main(path: Path, decisions: pd.DataFrame) -> pd.DataFrame:

@@ -63,7 +63,7 @@ class ReportPaths:
 
 def report_sessions(
     folder: Path,
-    protocol: StudyProtocol,
+    study: StudyProtocol,
     out: Path,
     *,
     replace: bool = False,
@@ -79,7 +79,7 @@ def report_sessions(
         something else.
     """
     check_result(out, replace=replace, reads=[folder])
-    source = from_sessions(folder, protocol, progress)
+    source = from_sessions(folder, study, progress)
     return write_report(
         source, folder, out, replace=replace, figure_files=figure_files, progress=progress
     )
@@ -214,8 +214,8 @@ def _font_notes(caught: list[python_warnings.WarningMessage]) -> tuple[str, ...]
 
 def _write_csv(source: ReportSource, content: ReportContent, folder: Path) -> None:
     tables: dict[str, pd.DataFrame] = {}
-    if source.tidy is not None and source.protocol is not None:
-        write_tables(source.tidy, source.protocol, folder)
+    if source.tidy is not None and source.study is not None:
+        write_tables(source.tidy, source.study, folder)
         tables |= source.analysis.tidy_tables(source.decisions)
     else:
         columns = source.analysis.columns_of(source.decisions)

@@ -19,7 +19,7 @@ from protocols.study_file.session_schema import Gaze
 
 
 def preregistration(
-    protocol: StudyProtocol,
+    study: StudyProtocol,
     display: Display,
     revision: str,
     manifest: Manifest | None = None,
@@ -32,7 +32,7 @@ def preregistration(
 
     Parameters
     ----------
-    protocol : StudyProtocol
+    study : StudyProtocol
         The study; everything said here is read from it.
     display : Display
         The display it runs on.
@@ -53,26 +53,26 @@ def preregistration(
         If `power` is not what that command writes.
     """
     return [
-        _overview(protocol),
-        _sample(protocol, why, power),
-        _hashes(protocol, display, revision, manifest),
-        _stimuli(protocol, display),
-        _procedure(protocol, display),
-        _texts(protocol),
-        _analysis(protocol, limits),
+        _overview(study),
+        _sample(study, why, power),
+        _hashes(study, display, revision, manifest),
+        _stimuli(study, display),
+        _procedure(study, display),
+        _texts(study),
+        _analysis(study, limits),
         Section.of(
             "Data",
             [
                 "Participants are known by pseudonymous codes only.",
                 (
                     "Consent is asked and recorded."
-                    if protocol.privacy.consent_required
+                    if study.privacy.consent_required
                     else "Consent is not asked by the program."
                 ),
-                _stored_gaze(protocol),
+                _stored_gaze(study),
                 (
-                    f"Data is deleted after {protocol.privacy.retention_months} months."
-                    if protocol.privacy.retention_months
+                    f"Data is deleted after {study.privacy.retention_months} months."
+                    if study.privacy.retention_months
                     else "How long data is kept is not stated."
                 ),
             ],
@@ -103,8 +103,8 @@ def to_html(title: str, sections: list[Section]) -> str:
     return html_page(title, sections=sections)
 
 
-def _overview(protocol: StudyProtocol) -> Section:
-    info = protocol.study
+def _overview(study: StudyProtocol) -> Section:
+    info = study.study
     blocks: list[Block] = [info.description] if info.description else []
     if info.source:
         blocks.append(f"Follows: {info.source}.")
@@ -112,12 +112,12 @@ def _overview(protocol: StudyProtocol) -> Section:
     return Section.of("Study", *blocks)
 
 
-def _sample(protocol: StudyProtocol, why: str | None, power: Mapping[str, Any] | None) -> Section:
+def _sample(study: StudyProtocol, why: str | None, power: Mapping[str, Any] | None) -> Section:
     """Section on participants: how many, why so many, and when collection ends."""
     return Section.of(
         "Participants",
         [
-            f"Planned participants: {protocol.study.participants}. Collection ends when this"
+            f"Planned participants: {study.study.participants}. Collection ends when this"
             " many have completed their session.",
             "The planned test is run once, after the last participant; no earlier looks are"
             " planned.",
@@ -163,16 +163,16 @@ def _power(found: Mapping[str, Any]) -> str:
     )
 
 
-def _texts(protocol: StudyProtocol) -> Section:
+def _texts(study: StudyProtocol) -> Section:
     """Section on what participants read, in the language of a session that names none."""
-    language = protocol.text.default_language
-    texts = protocol.text.languages[language]
-    others = [name for name in protocol.text.languages if name != language]
+    language = study.text.default_language
+    texts = study.text.languages[language]
+    others = [name for name in study.text.languages if name != language]
     said = f"Language: {language}" + (f"; also in {', '.join(others)}." if others else ".")
-    pages = [("consent", texts.consent)] if protocol.privacy.consent_required else []
+    pages = [("consent", texts.consent)] if study.privacy.consent_required else []
     pages += [(f"instructions, page {n}", text) for n, text in enumerate(texts.instructions, 1)]
     pages.append(("question", texts.question))
-    pages += [(f"answer {name}", texts.answers[name]) for name in protocol.task.answers()]
+    pages += [(f"answer {name}", texts.answers[name]) for name in study.task.answers()]
     pages += [(f"at the end: {entry.name}", entry.text) for entry in texts.questions]
     rows = tuple((name, " ".join(text.split())) for name, text in pages)
     return Section.of(
@@ -181,11 +181,11 @@ def _texts(protocol: StudyProtocol) -> Section:
 
 
 def _hashes(
-    protocol: StudyProtocol, display: Display, revision: str, manifest: Manifest | None
+    study: StudyProtocol, display: Display, revision: str, manifest: Manifest | None
 ) -> Section:
     rows = [
-        ("protocol", protocol.sha256),
-        ("what decides the stimuli", protocol.stimuli_sha256),
+        ("protocol", study.sha256),
+        ("what decides the stimuli", study.stimuli_sha256),
         ("display", sha256_json(display)),
         ("clips (manifest)", manifest.sha256 if manifest else "not built yet"),
         ("metamerlab", revision),
@@ -198,42 +198,42 @@ def _hashes(
     )
 
 
-def _stimuli(protocol: StudyProtocol, display: Display) -> Section:
-    return Section.of("Stimuli", *protocol.stimuli.described(display, protocol.main_scenes()))
+def _stimuli(study: StudyProtocol, display: Display) -> Section:
+    return Section.of("Stimuli", *study.stimuli.described(display, study.main_scenes()))
 
 
-def _question(protocol: StudyProtocol) -> str:
-    texts = protocol.text.languages[protocol.text.default_language]
-    answers = " / ".join(texts.answers[name] for name in protocol.task.answers())
+def _question(study: StudyProtocol) -> str:
+    texts = study.text.languages[study.text.default_language]
+    answers = " / ".join(texts.answers[name] for name in study.task.answers())
     said = f'The question: "{texts.question}" Answers: {answers}.'
-    right = protocol.task.right_answer()
+    right = study.task.right_answer()
     said = f"{said} {right}" if right else said
-    sure = protocol.task.confidence
+    sure = study.task.confidence
     if sure is None:
         return said
-    language = protocol.text.default_language
+    language = study.text.default_language
     steps = " / ".join(sure.labelled(language))
     return f'{said} Then, without time limit: "{sure.question[language]}" Answers: {steps}.'
 
 
-def _procedure(protocol: StudyProtocol, display: Display) -> Section:
-    design, timing = protocol.design, protocol.trial
-    task, pool = protocol.task, protocol.pool
-    secret = protocol.privacy.secret_sha256
-    plan = make_plan(protocol.in_any_order(), virtual_manifest(protocol, display), "P000", 0)
-    minutes = session_duration_s(protocol, len(plan.trials)) / 60
+def _procedure(study: StudyProtocol, display: Display) -> Section:
+    design, timing = study.design, study.trial
+    task, pool = study.task, study.pool
+    secret = study.privacy.secret_sha256
+    plan = make_plan(study.in_any_order(), virtual_manifest(study, display), "P000", 0)
+    minutes = session_duration_s(study, len(plan.trials)) / 60
     feedback = design.practice is not None and design.practice.feedback
     entries = [
         f"{plan.main_trials} decisions per participant: {task.design_sentence(pool)}.",
         f"A trial: fixation {timing.fixation_s:g} s, {task.description(pool)}"
         + (
-            f" within {protocol.response.timeout_s:g} s"
-            if protocol.response.timeout_s
+            f" within {study.response.timeout_s:g} s"
+            if study.response.timeout_s
             else " without time limit"
         )
         + f", blank {timing.iti_s:g} s."
         + (" Feedback in practice alone." if feedback else " No feedback."),
-        _question(protocol),
+        _question(study),
         f"Scene order: {design.scene_order}. Sides: {design.side}. Places in the counterbalancing:"
         f" {design.places}. {design.blocks}"
         f" block{'s' * (design.blocks != 1)}, breaks"
@@ -242,8 +242,8 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
         f"A void attempt is repeated later in its block, up to {design.max_attempts} attempts;"
         " attempts that a pause, the quit key or another window cut short do not count.",
         f"More than {timing.dropped_frames_max} missed refreshes make an attempt void.",
-        _gaze(protocol.gaze),
-        *_browser(protocol, display),
+        _gaze(study.gaze),
+        *_browser(study, display),
         f"Estimated length without instructions: {minutes:.0f} min.",
     ]
     practice = design.practice
@@ -260,10 +260,10 @@ def _procedure(protocol: StudyProtocol, display: Display) -> Section:
     return Section.of("Procedure", entries)
 
 
-def _stored_gaze(protocol: StudyProtocol) -> str:
-    if protocol.gaze.mode == "none":
+def _stored_gaze(study: StudyProtocol) -> str:
+    if study.gaze.mode == "none":
         return "No gaze is recorded."
-    return f"Gaze samples are {'' if protocol.privacy.store_gaze else 'not '}stored."
+    return f"Gaze samples are {'' if study.privacy.store_gaze else 'not '}stored."
 
 
 def _gaze(gaze: Gaze) -> str:
@@ -283,12 +283,12 @@ def _gaze(gaze: Gaze) -> str:
     )
 
 
-def _browser(protocol: StudyProtocol, display: Display) -> list[str]:
+def _browser(study: StudyProtocol, display: Display) -> list[str]:
     """Return the guarantees that browsers do not give; nothing where none is meant."""
-    web = protocol.web
+    web = study.web
     if web is None:
         return []
-    rates = [f"{rate:g}" for rate, problems in rates_of(protocol, display).items() if not problems]
+    rates = [f"{rate:g}" for rate, problems in rates_of(study, display).items() if not problems]
     kept = f" The link's parameter {web.identifier} is kept." if web.identifier else ""
     return [
         "It may run in participants' own browsers, where gaze is not tracked, and neither luminance"
@@ -298,19 +298,19 @@ def _browser(protocol: StudyProtocol, display: Display) -> list[str]:
     ]
 
 
-def _times(protocol: StudyProtocol) -> list[str]:
-    if protocol.analysis.reaction == "summary":
+def _times(study: StudyProtocol) -> list[str]:
+    if study.analysis.reaction == "summary":
         return []
     return [
         "Reaction times are a question of their own: a log-normal mixed model compares conditions"
-        f" (likelihood ratio, two-sided, alpha = {protocol.analysis.alpha:g}, Holm-adjusted over"
+        f" (likelihood ratio, two-sided, alpha = {study.analysis.alpha:g}, Holm-adjusted over"
         " its comparisons)."
         " Times decide nothing about the tests above."
     ]
 
 
-def _analysis(protocol: StudyProtocol, limits: Sequence[str] = ()) -> Section:
-    analysis = protocol.analysis
+def _analysis(study: StudyProtocol, limits: Sequence[str] = ()) -> Section:
+    analysis = study.analysis
     rules = analysis.exclusions
     slow = f" or slower than {rules.rt_max_s:g} s" if rules.rt_max_s else ""
     never: list[Block] = [
@@ -320,8 +320,8 @@ def _analysis(protocol: StudyProtocol, limits: Sequence[str] = ()) -> Section:
     return Section.of(
         "Analysis",
         [
-            *analysis.plain_sentences(protocol.task, protocol.pool),
-            *_times(protocol),
+            *analysis.plain_sentences(study.task, study.pool),
+            *_times(study),
         ],
         *never,
         "Exclusions, fixed before the data:",

@@ -66,14 +66,14 @@ class _WarpedBuild(ClipBuild[ClipName]):
     def __init__(
         self, plan: BuildPlan, out: Path, executor: Executor, parallel: int, report: Report
     ) -> None:
-        clips, names = plan.protocol.warped.clips, plan.clip_names
-        super().__init__(plan.protocol, out, executor, parallel + 1, report, names, clips.frames)
+        clips, names = plan.study.warped.clips, plan.clip_names
+        super().__init__(plan.study, out, executor, parallel + 1, report, names, clips.frames)
         self.plan, self.previews, self.exr = plan, clips.preview, clips.exr
         self.draft: WarpedDraft
         self.surveys: dict[str, Survey] = {}
         self.groups: dict[str, list[ClipName]] = {}
         """Missing clips by their survey."""
-        scenes = [scene.name for scene in plan.protocol.warped.scenes]
+        scenes = [scene.name for scene in plan.study.warped.scenes]
         self.scene_rank = {name: scenes.index(name.scene) for name in names}
         self.rank = {name: rank for rank, name in enumerate(names)}
 

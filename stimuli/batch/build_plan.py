@@ -30,15 +30,15 @@ class BuildPlan:
         What file names in the protocol are relative to.
     """
 
-    protocol: StudyProtocol
+    study: StudyProtocol
     display: Display
     folder: Path
 
     @cached_property
     def clip_names(self) -> tuple[ClipName, ...]:
         """Every clip, scenes together."""
-        shown = set(self.protocol.shown())
-        pool = self.protocol.warped.pool()
+        shown = set(self.study.shown())
+        pool = self.study.warped.pool()
         return tuple(ClipName.of(entry.condition) for entry in pool if entry.name in shown)
 
     @cached_property
@@ -48,13 +48,13 @@ class BuildPlan:
     @property
     def shown_px(self) -> tuple[int, int]:
         """Width and height of every clip on the display."""
-        return clip_size_px(self.protocol, self.display)
+        return clip_size_px(self.study, self.display)
 
     @property
     def render_px(self) -> tuple[int, int]:
         """Width and height at which frames are made, before they are rescaled."""
         width, height = self.shown_px
-        asked = self.protocol.warped.clips.render_width_px
+        asked = self.study.warped.clips.render_width_px
         return (width, height) if asked is None else (asked, max(1, round(height * asked / width)))
 
     @property
@@ -65,15 +65,15 @@ class BuildPlan:
 
     def scene(self, clip: ClipName) -> Scene:
         """The scene of a clip."""
-        return self.protocol.warped.scene(clip.scene)
+        return self.study.warped.scene(clip.scene)
 
     def size(self, clip: ClipName) -> Size:
         """The size of a clip."""
-        return next(size for size in self.protocol.warped.sizes if size.name == clip.size)
+        return next(size for size in self.study.warped.sizes if size.name == clip.size)
 
     def method(self, clip: ClipName) -> FillMethod:
         """The method of a clip."""
-        return self.protocol.warped.method(clip.method)
+        return self.study.warped.method(clip.method)
 
     def registry_name(self, clip: ClipName) -> str:
         """The method's registry name, with its path in `folder` and the clip's names in it.
@@ -103,7 +103,7 @@ class BuildPlan:
 
     def clip_key(self, clip: ClipName) -> str:
         """The manifest's cache key: all that decides a clip's pixels."""
-        clips = self.protocol.warped.clips
+        clips = self.study.warped.clips
         inputs: dict[str, Json] = {
             "survey": self.survey_key(clip),
             "method": self._method_inputs(clip),
@@ -121,9 +121,9 @@ class BuildPlan:
         known = self._surveys
         key = (scene_name, size_name)
         if key not in known:
-            scene = self.protocol.warped.scene(scene_name)
-            size = next(size for size in self.protocol.warped.sizes if size.name == size_name)
-            clips = self.protocol.warped.clips
+            scene = self.study.warped.scene(scene_name)
+            size = next(size for size in self.study.warped.sizes if size.name == size_name)
+            clips = self.study.warped.clips
             known[key] = sha256_json(
                 {
                     "scene": scene_inputs(scene, self.folder),

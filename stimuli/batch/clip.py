@@ -236,7 +236,7 @@ def make_frames(
 ) -> list[str]:
     """Write every frame of `clip` into `folder` that is not there; return all their hashes."""
     folder.mkdir(parents=True, exist_ok=True)
-    clips = plan.protocol.warped.clips
+    clips = plan.study.warped.clips
     hashes: dict[int, str] = {}
     missing = []
     for frame in range(clips.frames):
@@ -286,8 +286,8 @@ def _frames(
         if not plan.method(clip).is_reference:
             given = plan.parameters(clip)
             method = create_method(plan.registry_name(clip), ctx, given)
-            fills = Fills(method, footage, plan.protocol.warped.clips.seed)
-        view = plan.protocol.warped.clips.true_view
+            fills = Fills(method, footage, plan.study.warped.clips.seed)
+        view = plan.study.warped.clips.true_view
         share = None if view is None else true_share(plan.render_px, plan.distance_px, view)
         for frame in wanted:
             colour = footage.truth(frame) if fills is None else fills.frame(frame)
@@ -306,16 +306,16 @@ def _frames(
 
 def shot_of(plan: BuildPlan, clip: ClipName, extent_m: float) -> CameraShot:
     """Return the camera and its path at an extent, as a clip is taken."""
-    clips = plan.protocol.warped.clips
+    clips = plan.study.warped.clips
     path = make_path(plan.scene(clip).camera, clips.frames, clips.fps)
     return CameraShot(path, plan.render_px, extent_m, clips.margin_share)
 
 
 def _rescaled(colour: NDArray[np.float32], plan: BuildPlan) -> NDArray[np.float32]:
     shown, filters = plan.shown_px, {"box": Image.Resampling.BOX}
-    if plan.protocol.warped.clips.rescale == "none" or plan.render_px == shown:
+    if plan.study.warped.clips.rescale == "none" or plan.render_px == shown:
         return colour
-    chosen = filters.get(plan.protocol.warped.clips.rescale, Image.Resampling.LANCZOS)
+    chosen = filters.get(plan.study.warped.clips.rescale, Image.Resampling.LANCZOS)
     planes = [
         np.asarray(Image.fromarray(np.ascontiguousarray(colour[..., c])).resize(shown, chosen))
         for c in range(3)

@@ -58,10 +58,10 @@ class ClipBuild(Generic[N]):
     """Report of each kind of job."""
 
     def __init__(
-        self, protocol: StudyProtocol, out: Path, executor: Executor, places: int, report: Report,
+        self, study: StudyProtocol, out: Path, executor: Executor, places: int, report: Report,
         names: Sequence[N], frames: int,
     ) -> None:  # fmt: skip
-        self.protocol, self.out, self.executor, self.places = protocol, out, executor, places
+        self.study, self.out, self.executor, self.places = study, out, executor, places
         self.report, self.names, self.frames = report, names, frames
         self.total = len(names) * frames
         self.draft: ManifestDraft
@@ -154,7 +154,7 @@ class ClipBuild(Generic[N]):
         remove_previews(self.out, kept_previews)
         self.report(self.total, self.total, "contact sheet")
         if not manifest_path.exists() or not (self.out / SHEET_NAME).exists():
-            write_contact_sheet(self.out, self.protocol, clips)
+            write_contact_sheet(self.out, self.study, clips)
         manifest = self.draft.manifest(clips)
         if not manifest_path.exists():
             write_manifest(self.out, manifest)

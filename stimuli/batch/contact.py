@@ -25,7 +25,7 @@ TILE_PX = 320
 COLUMNS = 8
 
 
-def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip]) -> Path:
+def write_contact_sheet(out: Path, study: StudyProtocol, clips: Sequence[Clip]) -> Path:
     """Write the page into `out`; it needs no other file."""
     first = clips[0]
     count = len(first.frames_sha256)
@@ -35,7 +35,7 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
     groups: dict[str, dict[str, Any]] = {}
     entries = []
     for index, clip in enumerate(clips):
-        title, caption, facts = _described(protocol, clip)
+        title, caption, facts = _described(study, clip)
         label = f"{title}: {caption}" if title else caption
         entries.append({"label": label, "method": caption, "folder": clip.name})
         group = groups.setdefault(title, {"title": title, "facts": facts, "members": []})
@@ -50,9 +50,9 @@ def write_contact_sheet(out: Path, protocol: StudyProtocol, clips: Sequence[Clip
         )
     )
     text = html_page(
-        f"{protocol.study.title}: clips",
+        f"{study.study.title}: clips",
         "stimuli/batch/contact.html",
-        heading=protocol.study.title,
+        heading=study.study.title,
         under=f"{counted} Shown here: {small}; what participants see are the PNG files.",
         clips=entries,
         groups=list(groups.values()),
@@ -82,9 +82,9 @@ def _strip(out: Path, clip: Clip, shown: Sequence[int], tile: tuple[int, int]) -
     return "data:image/webp;base64," + base64.b64encode(bytes(data)).decode()
 
 
-def _described(protocol: StudyProtocol, clip: Clip) -> tuple[str, str, str]:
+def _described(study: StudyProtocol, clip: Clip) -> tuple[str, str, str]:
     """Return the group that a clip stands in, its caption there, and what holds for the group."""
-    recipe = protocol.stimuli
+    recipe = study.stimuli
     if not isinstance(recipe, WarpedClips):
         rest = [f"{name} {value}" for name, value in clip.condition.items() if name != SCENE]
         return clip.column(SCENE), ", ".join(rest) or clip.name, ""

@@ -57,7 +57,7 @@ def estimated_build(plan: BuildPlan, out: Path, workers: int) -> BuildEstimate:
     from pipeline.methods.registry import create_method
     from stimuli.batch.jobs import SceneContext
 
-    clips = plan.protocol.warped.clips
+    clips = plan.study.warped.clips
     first = plan.clip_names[0]
     bench = SceneContext()
     try:
@@ -126,7 +126,7 @@ def _timed(work: Callable[[], T]) -> tuple[T, float]:
 def _tried_px(plan: BuildPlan, scenery: Scenery, software: bool) -> tuple[int, int]:
     """Width and height of the frame that is timed; files may fit the whole size alone."""
     width, height = plan.render_px
-    of_files = any(":" in method.registry_name for method in plan.protocol.warped.methods)
+    of_files = any(":" in method.registry_name for method in plan.study.warped.methods)
     if not software or of_files or scenery.own_margin_px(plan.render_px) is not None:
         return width, height
     share = min(1.0, TRIED_PX / max(width, height))

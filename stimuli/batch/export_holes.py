@@ -52,7 +52,7 @@ def export_holes(plan: BuildPlan, out: Path, report: Callable[[int, int, str], N
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: must be a new or empty folder (something is in it)")
     kinds = list({survey_name(clip): clip for clip in plan.clip_names}.values())
-    clips = plan.protocol.warped.clips
+    clips = plan.study.warped.clips
     total, done = len(kinds) * clips.frames, 0
     names = io.StringIO()
     table = csv.writer(names, lineterminator="\n")
@@ -90,7 +90,7 @@ def export_holes(plan: BuildPlan, out: Path, report: Callable[[int, int, str], N
         width, height = plan.render_px
         readme = _README.read_text(encoding="utf-8").format(
             clips=len(kinds), frames=clips.frames, width=width, height=height, bits=clips.bit_depth,
-            study=plan.protocol.study.name,
+            study=plan.study.study.name,
         )  # fmt: skip
         write_whole(work / README_FILE, page_bytes(readme))
     return total

@@ -35,9 +35,9 @@ class ManifestDraft:
     """The manifest's entries in the making, for one renderer: bytes repeat on one only."""
 
     def __init__(
-        self, protocol: StudyProtocol, display: Display, out: Path, renderer: RendererInfo
+        self, study: StudyProtocol, display: Display, out: Path, renderer: RendererInfo
     ) -> None:
-        self._protocol, self._display = protocol, display
+        self._study, self._display = study, display
         self._out, self._renderer = out, renderer
         self._folder = out / BUILD_FOLDER / "records"
 
@@ -98,8 +98,8 @@ class ManifestDraft:
         """Return the manifest of `clips`, which come in the order of the study."""
         return Manifest(
             format=2,
-            study=self._protocol.study.name,
-            stimuli_sha256=self._protocol.stimuli_sha256,
+            study=self._study.study.name,
+            stimuli_sha256=self._study.stimuli_sha256,
             display=self._display.name,
             revision=f"{package_version()}, revision {code_revision()}",
             renderer=RendererEntry(**asdict(self._renderer)),
@@ -127,7 +127,7 @@ class WarpedDraft(ManifestDraft):
     """The draft of a batch of warped clips."""
 
     def __init__(self, plan: BuildPlan, out: Path, renderer: RendererInfo) -> None:
-        super().__init__(plan.protocol, plan.display, out, renderer)
+        super().__init__(plan.study, plan.display, out, renderer)
         self._orders = plan
         self._noted: dict[str, str] = {}  # of mesh scenes, by name
 
@@ -146,7 +146,7 @@ class WarpedDraft(ManifestDraft):
         masks = self._out / HOLES_FOLDER / survey_name(name)
         if read_survey(masks, self._orders.survey_key(name)) is None:
             return False
-        exr = self._orders.protocol.warped.clips.exr
+        exr = self._orders.study.warped.clips.exr
         return is_whole(self._out / str(name), record, (".png", ".exr") if exr else (".png",))
 
     def record(self, name: ClipName, survey: Survey, hashes: list[str]) -> Clip:
@@ -154,7 +154,7 @@ class WarpedDraft(ManifestDraft):
         plan = self._orders
         scene, clips, (width, height) = (
             plan.scene(name),
-            plan.protocol.warped.clips,
+            plan.study.warped.clips,
             plan.shown_px,
         )
         parameters: dict[str, Scalar | tuple[Scalar, ...]] = {

@@ -24,7 +24,7 @@ BUILDERS: dict[str, str | type[Builder]] = registered(
 """Ours are imported when they are asked for: each knows libraries that the others do not need."""
 
 
-def builder_of(protocol: StudyProtocol, display: Display, folder: Path) -> Builder:
+def builder_of(study: StudyProtocol, display: Display, folder: Path) -> Builder:
     """Return the builder of a study's stimuli; `folder` holds the files that it names.
 
     Raises
@@ -33,14 +33,14 @@ def builder_of(protocol: StudyProtocol, display: Display, folder: Path) -> Build
         If no builder was written for its recipe.
     """
     try:
-        made = BUILDERS[protocol.stimuli.kind]
+        made = BUILDERS[study.stimuli.kind]
     except KeyError:
         raise StudyError(
-            f"stimuli.kind {protocol.stimuli.kind!r}: building needs a builder of that name (there"
+            f"stimuli.kind {study.stimuli.kind!r}: building needs a builder of that name (there"
             f" are {', '.join(BUILDERS)}); the package that adds the recipe can add one"
         ) from None
     if isinstance(made, str):
         module, _, name = made.partition(":")
         found: type[Builder] = getattr(import_module(f"stimuli.recipes.{module}"), name)
-        return found(protocol, display, folder)
-    return made(protocol, display, folder)
+        return found(study, display, folder)
+    return made(study, display, folder)

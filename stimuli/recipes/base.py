@@ -41,8 +41,8 @@ class Builder:
         What file names in the protocol are relative to.
     """
 
-    def __init__(self, protocol: StudyProtocol, display: Display, folder: Path) -> None:
-        self.protocol, self.display, self.folder = protocol, display, folder
+    def __init__(self, study: StudyProtocol, display: Display, folder: Path) -> None:
+        self.protocol, self.display, self.folder = study, display, folder
 
     def problems(self) -> list[Problem]:
         """Return the wishes of the recipe that this installation cannot meet."""

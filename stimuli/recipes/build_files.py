@@ -37,10 +37,10 @@ class FileBuilder(SingleStimulusBuilder[FileEntry]):
 
     renderer = NO_RENDERER
 
-    def __init__(self, protocol: StudyProtocol, display: Display, folder: Path) -> None:
-        super().__init__(protocol, display, folder)
-        assert isinstance(protocol.stimuli, Files)
-        self.recipe = protocol.stimuli
+    def __init__(self, study: StudyProtocol, display: Display, folder: Path) -> None:
+        super().__init__(study, display, folder)
+        assert isinstance(study.stimuli, Files)
+        self.recipe = study.stimuli
 
     def problems(self) -> list[Problem]:
         """Return names that folders of the batch have already, and files whose header is wrong.

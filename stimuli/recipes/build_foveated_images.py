@@ -72,10 +72,10 @@ class _Here(Executor):
 class FoveatedBuilder(SingleStimulusBuilder[FoveatedStimulus]):
     """Makes the stills of `foveated-images`."""
 
-    def __init__(self, protocol: StudyProtocol, display: Display, folder: Path) -> None:
-        super().__init__(protocol, display, folder)
-        assert isinstance(protocol.stimuli, FoveatedImages)
-        self.recipe = protocol.stimuli
+    def __init__(self, study: StudyProtocol, display: Display, folder: Path) -> None:
+        super().__init__(study, display, folder)
+        assert isinstance(study.stimuli, FoveatedImages)
+        self.recipe = study.stimuli
         self.order = StillsPlan(self.recipe, display.distance_mm / display.pitch_x_mm, folder)
 
     @property

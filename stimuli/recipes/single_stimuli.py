@@ -175,7 +175,7 @@ class _TakingBuild(ClipBuild[str]):
     def open_draft(self) -> ManifestDraft:
         builder = self.builder
         draft = ManifestDraft(
-            self.protocol, builder.display, self.out, builder.drawn_by(self.executor)
+            self.study, builder.display, self.out, builder.drawn_by(self.executor)
         )
         self.report(0, self.total, "hashing inputs")
         with ThreadPoolExecutor(cores()) as readers:

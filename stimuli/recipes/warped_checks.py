@@ -38,7 +38,7 @@ class SceneFindings:
 def look_at_scenes(plan: BuildPlan) -> SceneFindings:
     """Open what scenes name, as far as it is here."""
     found = SceneFindings()
-    for index, scene in enumerate(plan.protocol.warped.scenes):
+    for index, scene in enumerate(plan.study.warped.scenes):
         place = f"stimuli.scenes[{index}]"
         try:
             if isinstance(scene, StereoScene):
@@ -59,7 +59,7 @@ def look_at_fills(plan: BuildPlan) -> SceneFindings:
     """Open the networks and count the frames that methods name, as far as they are here."""
     found = SceneFindings()
     seen: set[str] = set()
-    if not any(":" in method.registry_name for method in plan.protocol.warped.methods):
+    if not any(":" in method.registry_name for method in plan.study.warped.methods):
         return found
     for clip in plan.clip_names:
         method = plan.method(clip)
@@ -68,7 +68,7 @@ def look_at_fills(plan: BuildPlan) -> SceneFindings:
         if method.is_reference or not colon or name in seen:
             continue
         seen.add(name)
-        place = f"stimuli.methods[{plan.protocol.warped.methods.index(method)}]"
+        place = f"stimuli.methods[{plan.study.warped.methods.index(method)}]"
         try:
             if kind == "frames":
                 for note in _check_frames(plan, clip):
@@ -104,7 +104,7 @@ def _check_frames(plan: BuildPlan, clip: ClipName) -> list[str]:
                 f" frames (got {path!r})"
             )
     frames = FramesOnDisk(Path(plan.registry_name(clip).partition(":")[2]))
-    wanted = plan.protocol.warped.clips.frames
+    wanted = plan.study.warped.clips.frames
     if len(frames) != wanted:
         raise InputError(
             f"{frames.path}: must hold as many frames as the clip has, {wanted} (has {len(frames)})"
@@ -144,7 +144,7 @@ def _pair(found: SceneFindings, place: str, plan: BuildPlan, scene: StereoScene)
 
 def _sequence(found: SceneFindings, place: str, plan: BuildPlan, scene: ExrScene) -> None:
     files = sequence_files(scene.file, plan.folder)
-    wanted = plan.protocol.warped.clips.frames
+    wanted = plan.study.warped.clips.frames
     if len(files) < wanted:
         found.wrong.append(
             Problem(
@@ -158,7 +158,7 @@ def _sequence(found: SceneFindings, place: str, plan: BuildPlan, scene: ExrScene
         have < shown for have, shown in zip(size_px, plan.render_px, strict=True)
     ):
         found.wrong.append(Problem(f"{place}.file", too_small(size_px, plan.render_px)))
-    sizes = [size.name for size in plan.protocol.warped.sizes if not size.is_own]
+    sizes = [size.name for size in plan.study.warped.sizes if not size.is_own]
     if sizes:
         alike = f"; {' and '.join(sizes)} show the same clip" if len(sizes) > 1 else ""
         found.doubtful.append(

@@ -53,7 +53,7 @@ class ArchiveOptions:
 
 
 def write_archive(
-    study: Path,
+    source: Path,
     wanted: ArchiveOptions,
     out: Path,
     progress: Progress = lambda _what, _done, _all: None,
@@ -75,16 +75,16 @@ def write_archive(
     """
     if out.exists() or out.is_symlink():
         raise StudyError(f"{out}: must not exist yet; an archive is never written over a file")
-    path = study if study.exists() else shipped("studies").get(str(study), study)
-    protocol = load_protocol(path, recorded=True)
-    members = list(_members(wanted, path, protocol))
+    path = source if source.exists() else shipped("studies").get(str(source), source)
+    study = load_protocol(path, recorded=True)
+    members = list(_members(wanted, path, study))
     with _appearing(out) as file:
         entries = _pack(file, members, progress)
         index = Index(
             format=1,
-            study=protocol.study.name,
+            study=study.study.name,
             protocol=f"{STUDY}/{path.name}",
-            protocol_sha256=protocol.sha256,
+            protocol_sha256=study.sha256,
             revision=f"{package_version()} {code_revision()}",
             secret=any(entry.path.endswith(SECRET_SUFFIX) for entry in entries),
             clips=wanted.with_clips,
@@ -104,14 +104,14 @@ def write_archive(
 
 
 def _members(
-    wanted: ArchiveOptions, path: Path, protocol: StudyProtocol
+    wanted: ArchiveOptions, path: Path, study: StudyProtocol
 ) -> Iterator[tuple[str, Path]]:
     """Yield each file's place in the archive, and the file."""
     yield f"{STUDY}/{path.name}", path
     secret = path.with_suffix(SECRET_SUFFIX)
-    if protocol.privacy.secret_sha256 and secret.exists() and wanted.with_secret:
+    if study.privacy.secret_sha256 and secret.exists() and wanted.with_secret:
         yield f"{STUDY}/{secret.name}", secret
-    for name in (protocol.display.display, getattr(protocol.stimuli, "table", None)):
+    for name in (study.display.display, getattr(study.stimuli, "table", None)):
         if name is None:
             continue
         place, known = PurePosixPath(name), shipped("displays")
@@ -124,10 +124,10 @@ def _members(
             )
         else:
             yield f"{STUDY}/{place}", path.parent / place
-    yield from _sessions(wanted.sessions, protocol.study.name)
+    yield from _sessions(wanted.sessions, study.study.name)
     if wanted.stimuli is not None:
         manifest = read_manifest(wanted.stimuli)
-        check_manifest(protocol, manifest)
+        check_manifest(study, manifest)
         yield f"{CLIPS}/{MANIFEST_NAME}", wanted.stimuli / MANIFEST_NAME
         for clip in manifest.clips if wanted.with_clips else ():
             for number in range(len(clip.frames_sha256)):

@@ -48,8 +48,8 @@ def build(
     from stimuli.recipes.base import BuildMachine
     from study_app.cli.build_command import require_buildable
 
-    protocol, screen = load_study(Path(study), display)
-    builder, _ = require_buildable(Path(study), protocol, screen)
+    loaded, screen = load_study(Path(study), display)
+    builder, _ = require_buildable(Path(study), loaded, screen)
     machine = BuildMachine(workers, None, {})
     return builder.build(Path(out).absolute(), machine, lambda *_: None).manifest
 
@@ -86,9 +86,9 @@ def simulate(
     from protocols.manifest import read_manifest
     from study_app.simulate import SimulatedStudy, simulate_study
 
-    protocol, screen = load_study(Path(study), display)
+    loaded, screen = load_study(Path(study), display)
     shown = None if clips is None else read_manifest(Path(clips))
-    simulation = SimulatedStudy(protocol, screen, seed=seed, manifest=shown)
+    simulation = SimulatedStudy(loaded, screen, seed=seed, manifest=shown)
     return simulate_study(simulation, Path(sessions), participants)
 
 
@@ -160,13 +160,13 @@ def report(
     from protocols.load import load_protocol
 
     read, folder = Path(sessions), Path(out)
-    protocol = None if study is None else load_protocol(Path(study), recorded=True)
+    loaded = None if study is None else load_protocol(Path(study), recorded=True)
     if read.suffix.lower() in TABLES and not read.is_dir():
-        table = TableSettings(protocol, None, (), dict(settings or {}))
+        table = TableSettings(loaded, None, (), dict(settings or {}))
         return report_decisions(read, folder, table=table, replace=replace)
-    if protocol is None:
+    if loaded is None:
         raise StudyError(f"{read}: sessions need their study; give it as study=")
-    return report_sessions(read, protocol, folder, replace=replace)
+    return report_sessions(read, loaded, folder, replace=replace)
 
 
 def power(
@@ -198,8 +198,8 @@ def power(
     from analysis.tasks import analysis_of
     from protocols.load import load_protocol
 
-    protocol = load_protocol(Path(study))
-    simulation = analysis_of(protocol.analysis.kind).simulation(protocol)
+    loaded = load_protocol(Path(study))
+    simulation = analysis_of(loaded.analysis.kind).simulation(loaded)
     return simulated_power(
         simulation,
         assumed or {},

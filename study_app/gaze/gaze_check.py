@@ -76,7 +76,7 @@ class GazeCheck:
         targets: Targets,
         listener: SessionListener | None = None,
     ) -> None:
-        self._gaze, self._protocol = gaze, setup.protocol
+        self._gaze, self._study = gaze, setup.study
         self._viewing, self._targets = Viewing.of(setup.display), targets
         self._stage, self._recorder = stage, recorder
         self._listener = listener or SessionListener()
@@ -104,7 +104,7 @@ class GazeCheck:
                 if result is None:
                     return False
                 self._record(result)
-                complaint = unfit_gaze(self._protocol.gaze, result)
+                complaint = unfit_gaze(self._study.gaze, result)
             if not complaint:
                 self._passed = block
                 return True
@@ -136,7 +136,7 @@ class GazeCheck:
             return None
         self._fit = False  # an eye that is not seen needs a calibration too
         result = summarise_targets(points)
-        self._fit = not unfit_gaze(self._protocol.gaze, result)
+        self._fit = not unfit_gaze(self._study.gaze, result)
         self._listener.on_validation(points, result)
         return result
 
@@ -150,7 +150,7 @@ class GazeCheck:
         if drift_deg is not None:
             found = f"{drift_deg:.2f} deg" if math.isfinite(drift_deg) else "no fixation"
             self._recorder.note(f"gaze: the tracker's drift check found {found}")
-        if not self._fit or (drift_deg or 0.0) > self._protocol.gaze.accuracy_max_deg:
+        if not self._fit or (drift_deg or 0.0) > self._study.gaze.accuracy_max_deg:
             own = None if targets.quit else gaze.calibrate(nine_points_px(viewing))
             if own is not None:
                 error = f"{own.accuracy_deg:.2f} deg at " if own.points else ""
@@ -173,7 +173,7 @@ class GazeCheck:
         )
 
     def _again(self, complaint: str) -> bool:
-        keys = self._protocol.response
+        keys = self._study.response
         page = Page(
             "calibration",
             f"{complaint}\n\n{keys.continue_keys[0]}: again    {keys.quit_keys[0]}: stop",

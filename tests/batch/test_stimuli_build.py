@@ -53,7 +53,7 @@ def copy(batch, tmp_path):
 @pytest.mark.slow
 def test_a_batch_holds_every_clip_of_its_protocol(batch, plan):
     manifest = read_manifest(batch)
-    check_manifest(plan.protocol, manifest)
+    check_manifest(plan.study, manifest)
     assert {clip.name for clip in manifest.clips} == {
         f"{scene}__small__{method}"
         for scene in ("box", "motorcycle")
@@ -463,11 +463,9 @@ def test_notes_of_a_build_lead_to_nothing_outside_its_folder(copy, noted):
 def test_clips_that_a_study_lost_go_and_nothing_else(copy, plan, inline, monkeypatch):
     """Files that somebody puts into a folder while the build is at work stay, too."""
     fewer = [name for name in plan.clip_names if name.method != "telea"]
-    kept_method = plan.protocol.warped.methods[:-1]
-    recipe = plan.protocol.warped.model_copy(update={"methods": kept_method})
-    smaller = dataclasses.replace(
-        plan, protocol=plan.protocol.model_copy(update={"stimuli": recipe})
-    )
+    kept_method = plan.study.warped.methods[:-1]
+    recipe = plan.study.warped.model_copy(update={"methods": kept_method})
+    smaller = dataclasses.replace(plan, study=plan.study.model_copy(update={"stimuli": recipe}))
     assert list(smaller.clip_names) == fewer
     real = stimuli.batch.clip_build.remove_strangers
 

@@ -65,7 +65,7 @@ def test_clips_show_the_truth_around_the_dot_and_the_method_beyond(read_plan, in
     for path in (plain, mixed):
         build(read_plan(path), path.parent / "clips", inline)
     plan = read_plan(mixed)
-    stated = plan.protocol.warped.clips.true_view
+    stated = plan.study.warped.clips.true_view
     share = true_share(plan.render_px, plan.distance_px, stated)[..., 0]
 
     def frame(path, method):

@@ -225,7 +225,7 @@ def report_of(name: str, folder: Path, write_journals: Callable[..., Path] | Non
         rules = analysis.exclusions.model_copy(update={"rt_max_s": 1.4})
         analysis = analysis.model_copy(update={"exclusions": rules})
         study = study.model_copy(update={"analysis": analysis})
-        sessions = write_journals(folder / "sessions", people=4, protocol=study)
+        sessions = write_journals(folder / "sessions", people=4, study=study)
         report_sessions(sessions, study, folder / "report", figure_files=False)
         return folder / "report"
     kind, options, make = TABLES[name]

@@ -165,7 +165,7 @@ def test_a_study_without_the_key_keeps_its_hash_and_its_plans():
 
 def test_who_takes_the_slot_of_one_who_withdrew_takes_the_place(tmp_path):
     simulation = recorded(tmp_path, "yes-no", "drawn", 3, SECRET)
-    study, sessions = simulation.protocol, tmp_path / "sessions"
+    study, sessions = simulation.study, tmp_path / "sessions"
     withdraw(sessions, "S002", lambda: "2026-01-01T00:00:00.000000Z")
 
     assert next_slot(sessions, study.study.name) == 1
@@ -241,7 +241,7 @@ def test_no_slot_is_told_by_any_public_export(tmp_path, as_it_was, name, people)
     for places in ("drawn", "by-arrival"):
         folder = tmp_path / places
         simulation = recorded(folder, name, places, people, SECRET)
-        preference = simulation.protocol.analysis.kind == "preference"
+        preference = simulation.study.analysis.kind == "preference"
         forms = [form for form in FORMATS if preference or form != "pwcmp"]
         for form in forms:
             assert not guessed(simulation, folder, form, form).told, (places, form)
@@ -257,7 +257,7 @@ def test_without_the_key_no_table_holds_what_the_place_decides(tmp_path):
     for name in TURNED:
         folder = tmp_path / name
         simulation = recorded(folder, name, "by-arrival", 2, SECRET)
-        study = simulation.protocol
+        study = simulation.study
         out = folder / "out"
         options = ExportOptions(public=True, displays=(simulation.display,))
         export_study(folder / "sessions", study, out, "bids", options)
@@ -281,7 +281,7 @@ def test_trials_of_one_condition_stand_in_no_order(tmp_path):
     """Participants become faster: were the first of a condition named first, order would tell."""
     simulation = recorded(tmp_path, "inpainting-2afc", "by-arrival", 2, SECRET)
     sessions = tmp_path / "sessions"
-    export_study(sessions, simulation.protocol, tmp_path / "out", "bids", public(simulation))
+    export_study(sessions, simulation.study, tmp_path / "out", "bids", public(simulation))
     whole = attempts_of(export_whole(simulation, sessions, tmp_path / "whole"))
     whole = whole[whole["outcome"] == "completed"]
     shared = attempts_of(tmp_path / "out")
@@ -300,7 +300,7 @@ def public(simulation) -> ExportOptions:
 
 def export_whole(simulation, sessions: Path, out: Path) -> Path:
     options = ExportOptions(displays=(simulation.display,))
-    export_study(sessions, simulation.protocol, out, "bids", options)
+    export_study(sessions, simulation.study, out, "bids", options)
     return out
 
 
@@ -315,7 +315,7 @@ def attempts_of(out: Path) -> pd.DataFrame:
 
 def test_what_answers_choose_keeps_its_order_and_loses_its_keys(tmp_path):
     simulation = recorded(tmp_path, "yes-no by QUEST+", "by-arrival", 2, SECRET)
-    study = simulation.protocol
+    study = simulation.study
     out = tmp_path / "out"
     export_study(tmp_path / "sessions", study, out, "bids", public(simulation))
     table = attempts_of(out)
@@ -327,7 +327,7 @@ def test_what_answers_choose_keeps_its_order_and_loses_its_keys(tmp_path):
 
 def test_where_the_slot_decides_nothing_a_secret_alone_keeps_all(tmp_path):
     simulation = recorded(tmp_path, "identification", "by-arrival", 2, SECRET)
-    study = simulation.protocol
+    study = simulation.study
     out = tmp_path / "out"
     export_study(tmp_path / "sessions", study, out, "bids", public(simulation))
 
@@ -344,7 +344,7 @@ def test_the_readmes_say_what_is_left_out_and_why(tmp_path):
         folder = tmp_path / places
         simulation = recorded(folder, "two-interval", places, 2, SECRET)
         options = ExportOptions(public=True)
-        export_study(folder / "sessions", simulation.protocol, folder / "o", "pwcmp", options)
+        export_study(folder / "sessions", simulation.study, folder / "o", "pwcmp", options)
         text = re.sub(r"\s+", " ", (folder / "o/README.md").read_text())
         assert ("when participants came" in text) == (words is not None)
         table = pd.read_csv(folder / "o/pwcmp.csv")

@@ -139,7 +139,7 @@ def write_journals(demo_protocol: StudyProtocol) -> Callable[..., Path]:
         folder: Path,
         *,
         people: int = 4,
-        protocol: StudyProtocol = demo_protocol,
+        study: StudyProtocol = demo_protocol,
         decided: int | None = None,
         choose: Callable[[str, str, np.random.Generator], bool] | None = None,
         simulated: bool = True,
@@ -153,7 +153,7 @@ def write_journals(demo_protocol: StudyProtocol) -> Callable[..., Path]:
             code = f"P{number + 1:02d}"
             rng = np.random.default_rng([seed, number])
             events = _session(
-                protocol,
+                study,
                 code,
                 rng,
                 decided=decided,
@@ -176,7 +176,7 @@ def _prefer(first: str, second: str, rng: np.random.Generator) -> bool:
 
 
 def _session(
-    protocol: StudyProtocol,
+    study: StudyProtocol,
     code: str,
     rng: np.random.Generator,
     *,
@@ -190,10 +190,10 @@ def _session(
 ) -> list[AnyEvent]:
     trials = [
         (scene, size, pair if repeat % 2 == 0 else pair[::-1], repeat)
-        for repeat in range(protocol.design.repeats)
-        for scene in protocol.main_scenes()
-        for size in protocol.stimuli.values("size")
-        for pair in protocol.task.paired(protocol.pool)
+        for repeat in range(study.design.repeats)
+        for scene in study.main_scenes()
+        for size in study.stimuli.values("size")
+        for pair in study.task.paired(study.pool)
     ]
     order = rng.permutation(len(trials))
     events: list[AnyEvent] = []
@@ -204,13 +204,13 @@ def _session(
     events.append(
         SessionStart(
             **stamp(),
-            study=protocol.study.name,
+            study=study.study.name,
             participant=code,
             slot=slot,
             language="en",
             seed=1,
             simulated=simulated,
-            protocol_sha256=protocol.sha256,
+            protocol_sha256=study.sha256,
             stimuli_sha256=SHA,
             manifest_sha256=SHA,
             plan_sha256=SHA,
@@ -230,10 +230,10 @@ def _session(
     )
     events.append(Consent(**stamp(), agreed=True, language="en", text_sha256=SHA))
     events.append(BlockStart(**stamp(), block=1, trials=len(trials)))
-    catch = protocol.task.catch
+    catch = study.task.catch
     plan = [("main", *trials[index]) for index in order]
     if catch is not None:
-        scene = protocol.main_scenes()[0]
+        scene = study.main_scenes()[0]
         plan.insert(3, ("catch", scene, catch.where["size"], (catch.better, catch.worse), 0))
     done, position = 0, 0
     for number, (kind, scene, size, (first, second), repeat) in enumerate(plan):

@@ -259,7 +259,7 @@ def test_sessions_of_two_protocols_are_refused_with_status_2(
     study = demo_protocol.study.model_copy(update={"version": "2"})
     other = demo_protocol.model_copy(update={"study": study})
     write_journals(tmp_path / "s" / "a", people=2)
-    write_journals(tmp_path / "b", people=3, protocol=other)
+    write_journals(tmp_path / "b", people=3, study=other)
     (tmp_path / "b" / "P03").rename(tmp_path / "s" / "P03")
 
     result = run("report", tmp_path / "s", "--protocol", "demo", "--out", tmp_path / "r")

@@ -20,11 +20,11 @@ from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.task_kinds import TASKS
 
 
-def rules(protocol: StudyProtocol, **values: float) -> StudyProtocol:
+def rules(study: StudyProtocol, **values: float) -> StudyProtocol:
     """Return the protocol with other exclusion rules."""
-    analysis = protocol.analysis
+    analysis = study.analysis
     changed = analysis.exclusions.model_copy(update=values)
-    return protocol.model_copy(
+    return study.model_copy(
         update={"analysis": analysis.model_copy(update={"exclusions": changed})}
     )
 
@@ -216,7 +216,7 @@ def test_fast_answers_are_left_out_one_by_one(tmp_path, demo_protocol, write_jou
 def test_one_sided_sessions_are_left_out_by_rule(tmp_path, demo_protocol, write_journals):
     strict = rules(demo_protocol, same_side_max_share=0.9)
     folder = write_journals(
-        tmp_path / "s", people=2, protocol=strict, choose=lambda _f, _s, _rng: True
+        tmp_path / "s", people=2, study=strict, choose=lambda _f, _s, _rng: True
     )
 
     tidy = read_sessions(folder, strict)
@@ -261,7 +261,7 @@ def test_sessions_of_two_protocols_are_refused_with_both_named(
     """Also where both studies number their participants alike."""
     other = rules(demo_protocol, rt_min_s=0.2)
     write_journals(tmp_path / "s" / "one", people=2)
-    write_journals(tmp_path / "s" / "two", people=3, protocol=other)
+    write_journals(tmp_path / "s" / "two", people=3, study=other)
 
     with pytest.raises(StudyError) as refusal:
         read_sessions(tmp_path / "s", demo_protocol)

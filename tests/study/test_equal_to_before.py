@@ -34,7 +34,7 @@ def simulated(name: str, folder: Path) -> dict[str, object]:
     """Return how many decisions a session has, and the hashes of what it left behind."""
     if name in CASES:  # studies of the templates, which may gain keys
         short = write_study(folder, CASES[name])
-        study, display, model, ignored = short.protocol, short.display, short.model, HASHES
+        study, display, model, ignored = short.study, short.display, short.model, HASHES
     else:
         study, display = load_study(Path(name))
         study, model, ignored = study.in_any_order(), None, ()

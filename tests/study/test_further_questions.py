@@ -39,7 +39,7 @@ def thrice(tmp_path_factory):
 
 
 def script_of(simulation):
-    study, display = simulation.protocol, simulation.display
+    study, display = simulation.study, simulation.display
     manifest = virtual_manifest(study, display)
     trial = make_plan(study, manifest, "P1", 0).trials[0]
     return trial_script(study, display, manifest, trial, "en"), trial
@@ -59,11 +59,11 @@ def test_the_common_answer_phase_falls_away_where_the_task_asks_itself(thrice):
 def test_each_question_has_its_own_keys_and_its_own_reaction_time(thrice):
     """0.2 s of fixation; the keys of one question are none of another's."""
     script, trial = script_of(thrice)
-    model = default_model(thrice.protocol)
-    observer = ArtificialObserver(model, thrice.protocol.response, 0, "P1")
+    model = default_model(thrice.study)
+    observer = ArtificialObserver(model, thrice.study.response, 0, "P1")
     stage = VirtualStage(VirtualClock(), 60.0, observer)
     script = script.model_copy(update={"gaze": script.gaze.NONE})
-    own = thrice.protocol.response.keys[1][0]
+    own = thrice.study.response.keys[1][0]
     for key, t_s in (("1", 0.25), (own, 0.4), ("2", 0.45), ("2", 0.9), (own, 1.0), ("1", 1.2)):
         stage.press(key, t_s)
     result = run_attempt(script, stage, None, lambda *_: None)
@@ -94,13 +94,13 @@ def test_further_answers_stand_in_the_journal_beside_the_first(thrice, tmp_path)
         assert 0 < attempt.rt_s <= lasted["speeded"]
         for one in attempt.further:
             assert 0 < one.rt_s <= lasted[one.question]
-    plan = plan_of(thrice.protocol, journal.start)
-    assert not list(contradictions(thrice.protocol, plan, journal.attempts))
+    plan = plan_of(thrice.study, journal.start)
+    assert not list(contradictions(thrice.study, plan, journal.attempts))
     (first, *rest) = completed[0].further
     late = completed[0].model_copy(
         update={"further": (first.model_copy(update={"rt_s": 9e3}), *rest)}
     )
-    ((_, why),) = contradictions(thrice.protocol, plan, [late])
+    ((_, why),) = contradictions(thrice.study, plan, [late])
     assert "rt_s of 'seen' must be within the attempt" in why
 
 

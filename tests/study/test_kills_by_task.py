@@ -51,11 +51,11 @@ def test_killed_in_a_trial_of_three_questions_it_loses_and_doubles_none(tmp_path
 def test_levels_and_pairs_follow_the_answers(tmp_path, name):
     """Another observer's answers lead to other levels or pairs: nothing was planned beforehand."""
     simulation = write_study(tmp_path, CASES[name])
-    column = getattr(simulation.protocol.task.adaptation, "column", None)
+    column = getattr(simulation.study.task.adaptation, "column", None)
 
     def shown(seed: int) -> list[object]:
         root = tmp_path / f"seed-{seed}"
-        sim = SimulatedStudy(simulation.protocol, simulation.display, seed=seed, gaze=RESTLESS)
+        sim = SimulatedStudy(simulation.study, simulation.display, seed=seed, gaze=RESTLESS)
         simulate_session(sim, root, "S001")
         main = [a for a in journal_of(root).attempts if a.role == "main"]
         return [

@@ -32,9 +32,9 @@ PAPER_CLIPS = virtual_manifest(PAPER, FHD)
 DEMO_CLIPS = virtual_manifest(DEMO, FHD)
 
 
-def changed(protocol: StudyProtocol, *, clips=None, **sections: dict[str, object]) -> StudyProtocol:
+def changed(study: StudyProtocol, *, clips=None, **sections: dict[str, object]) -> StudyProtocol:
     """Return the protocol with some fields of its sections changed, checked again."""
-    plain = protocol.model_dump()
+    plain = study.model_dump()
     plain["stimuli"]["clips"] |= clips or {}
     for section, fields in sections.items():
         plain[section] |= fields

@@ -56,8 +56,8 @@ DEMO = load_protocol(Path("demo"))
 FHD = load_display("fhd27-60hz")
 
 
-def changed(protocol: StudyProtocol, *, clips=None, **sections: dict[str, object]) -> StudyProtocol:
-    plain = protocol.model_dump()
+def changed(study: StudyProtocol, *, clips=None, **sections: dict[str, object]) -> StudyProtocol:
+    plain = study.model_dump()
     plain["stimuli"]["clips"] |= clips or {}
     for section, fields in sections.items():
         plain[section] |= fields
@@ -610,7 +610,7 @@ def test_a_session_that_was_quit_goes_on_where_it_stopped(tmp_path):
                 return PageResult("escape", "", 1.0)
             return super().turn_page(page)
 
-    plain = dataclasses.replace(sim, protocol=changed(SHORT, gaze={"mode": "none"}))
+    plain = dataclasses.replace(sim, study=changed(SHORT, gaze={"mode": "none"}))
     setup = plain.setup(tmp_path, clock, "S001")
     observer = Tired(PreferenceModel(), SHORT.response, 0, "S001")
     stage = VirtualStage(clock, 60.0, observer)

@@ -132,7 +132,7 @@ class _Demo:
         self.options, self.out, self.console = options, options.out, console
         with as_file(files("study_app.cli.demo") / SCREEN) as path:
             shutil.copyfile(path, self.out / SCREEN)
-        self.protocol, self.display = load_study(
+        self.study, self.display = load_study(
             Path(options.study), options.display or str(self.out / SCREEN)
         )
         self.keys: dict[str, str] = {}
@@ -147,7 +147,7 @@ class _Demo:
         self._note()
 
     def run(self) -> Path:
-        steps = steps_of(self.options, self.protocol.study.name)
+        steps = steps_of(self.options, self.study.study.name)
         todo = {step.name: step for step in steps if not self._is_kept(step)}
         with local_processes(min(2, cores())) as pool:
             try:
@@ -196,7 +196,7 @@ class _Demo:
         """Return True for a step that is done; else what it left of other wishes is removed."""
         key = self.keys[step.name] = sha256_json(
             [
-                code_revision(), self.protocol.sha256, self.display.model_dump(mode="json"),
+                code_revision(), self.study.sha256, self.display.model_dump(mode="json"),
                 json.dumps(step.chains()), [self.keys.get(name) for name in step.needs],
             ]
         )  # fmt: skip
@@ -237,7 +237,7 @@ class _Demo:
             return [pool.submit(run_commands, chain, out, {}) for chain in chains]
         (session, *after), *_ = chains
         code = session[session.index("--participant") + 1]
-        folder = self.out / "sessions" / self.protocol.study.name / code
+        folder = self.out / "sessions" / self.study.study.name / code
         if folder.exists() and not is_stillborn(folder):
             session = ["session", "resume", *session[2:]]
         with ExitStack() as stack:

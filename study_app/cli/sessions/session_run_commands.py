@@ -120,7 +120,7 @@ def _run(session: SessionArguments, language: str | None = None, *, resuming: bo
     with kept_for_session(session.stimuli):
         check_choice(study.gaze, session.gaze, simulate=session.simulate)
         setup = SessionSetup(
-            protocol=study,
+            study=study,
             display=screen,
             manifest=read_manifest(session.stimuli),
             root=session.out,

@@ -90,7 +90,7 @@ def recorded(folder: Path, name: str, places: str, people: int, secret: str) -> 
     path = folder / "study.toml"
     text = path.read_text(encoding="utf-8")
     path.write_text(re.sub(r"^mode = .*$", 'mode = "none"', text, flags=re.M), encoding="utf-8")
-    simulation = replace(made, protocol=secretly(path, places, secret))
+    simulation = replace(made, study=secretly(path, places, secret))
     simulate_study(simulation, folder / "sessions", people)
     return simulation
 
@@ -99,7 +99,7 @@ def export_and_guess(
     simulation: SimulatedStudy, folder: Path, form: Format, out: Path
 ) -> GuessResult:
     """Write the public export of `recorded` sessions, and guess its participants' slots."""
-    study, sessions = simulation.protocol, folder / "sessions"
+    study, sessions = simulation.study, folder / "sessions"
     options = ExportOptions(public=True, displays=(simulation.display,))
     export_study(sessions, study, out, form, options)
     readings = read_study(sessions, study)
@@ -281,7 +281,7 @@ def guess_studies(
         people = min(chance.randint(8, 16), count - done)
         at = folder / str(done)
         made = recorded(at, name, places, people, f"{chance.getrandbits(256):064x}")
-        preference = made.protocol.analysis.kind == "preference"
+        preference = made.study.analysis.kind == "preference"
         form = chance.choice([each for each in FORMATS if preference or each != "pwcmp"])
         found = export_and_guess(made, at, form, at / form)
         if found.told:

@@ -339,5 +339,5 @@ def _check_whole(
     for attempt in journal.attempts:
         for side in (attempt.gaze_file, attempt.flips_file):
             assert side is None or sha256_file(journal.path.parent / side.file) == side.sha256
-    found = verify(SessionFolder(journal.path.parent, journal), simulation.protocol)
+    found = verify(SessionFolder(journal.path.parent, journal), simulation.study)
     assert (found.problems, found.notes) == ((), ())

@@ -94,7 +94,7 @@ def study(demo_protocol) -> StudyProtocol:
 @pytest.fixture(scope="module")
 def sessions(tmp_path_factory, study, write_journals) -> Path:
     """Nine people: each of the first six leaves at another step."""
-    folder = write_journals(tmp_path_factory.mktemp("flow") / "s", people=9, protocol=study)
+    folder = write_journals(tmp_path_factory.mktemp("flow") / "s", people=9, study=study)
     changed(folder, "P01", withdrew)
     changed(folder, "P02", refused)
     changed(folder, "P03", ended("quit", 1))
@@ -132,8 +132,8 @@ def test_one_whose_every_answer_is_too_slow_is_left_out_by_the_rules_of_trials(
     rules = study.analysis.exclusions.model_copy(update={"rt_max_s": 1.0})
     analysis = study.analysis.model_copy(update={"exclusions": rules})
     study = study.model_copy(update={"analysis": analysis})
-    write_journals(tmp_path / "slow", people=1, protocol=study, rt_s=1.5)
-    write_journals(tmp_path / "quick", people=2, protocol=study, rt_s=0.5)
+    write_journals(tmp_path / "slow", people=1, study=study, rt_s=1.5)
+    write_journals(tmp_path / "quick", people=2, study=study, rt_s=0.5)
     (tmp_path / "slow" / "P01").rename(tmp_path / "quick" / "P09")
     changed(
         tmp_path / "quick", "P09",
@@ -149,7 +149,7 @@ def test_one_whose_every_answer_is_too_slow_is_left_out_by_the_rules_of_trials(
 def test_where_no_consent_is_asked_everyone_took_part(study, write_journals, tmp_path):
     private = study.privacy.model_copy(update={"consent_required": False})
     study = study.model_copy(update={"privacy": private})
-    write_journals(tmp_path, people=2, protocol=study)
+    write_journals(tmp_path, people=2, study=study)
     changed(tmp_path, "P01", lambda events: [e for e in events if not isinstance(e, Consent)])
     changed(tmp_path, "P02", lambda events: [e for e in events if not isinstance(e, Consent)])
     found = read_sessions(tmp_path, study).participants
@@ -194,7 +194,7 @@ def test_a_study_without_choices_has_no_table_of_them(demo_protocol, write_journ
     english = demo_protocol.text.languages["en"].model_copy(update={"questions": ()})
     text = demo_protocol.text.model_copy(update={"languages": {"en": english}})
     study = demo_protocol.model_copy(update={"text": text})
-    tidy = read_sessions(write_journals(tmp_path, people=2, protocol=study), study)
+    tidy = read_sessions(write_journals(tmp_path, people=2, study=study), study)
 
     assert tidy.demographics.empty
     assert [type(block).__name__ for block in participant_blocks(tidy)] == ["TableBlock"]

@@ -35,7 +35,7 @@ def strict(demo_protocol):
 
 @pytest.fixture(scope="module")
 def journals(write_journals, strict, tmp_path_factory):
-    return write_journals(tmp_path_factory.mktemp("beside") / "s", people=5, protocol=strict)
+    return write_journals(tmp_path_factory.mktemp("beside") / "s", people=5, study=strict)
 
 
 def test_both_columns_are_the_statistics_of_their_own_decisions(journals, strict):
