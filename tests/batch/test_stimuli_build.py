@@ -714,7 +714,7 @@ def test_software_times_a_smaller_frame_and_counts_its_pixels(
     found = []
     for edge in (width, 39):
         monkeypatch.setattr(stimuli.batch.estimate, "TRIED_PX", edge)
-        found.append(stimuli.batch.estimate.estimated_buildd_build(plan, tmp_path, 1))
+        found.append(stimuli.batch.estimate.estimated_build(plan, tmp_path, 1))
     whole, part = found
     opened_s = 2.0  # a tick for each of two scenes
     ratio = 1.0 if files else 4.0
