@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import takewhile
+from pathlib import Path
 
 LAST_WITH_ALL = "5076b993 (version 0.3.0)"
 """The last revision that has everything named here."""
@@ -72,6 +74,19 @@ def gone(words: str) -> str | None:
     if words not in INSTEAD:
         return None
     return f"was removed: {INSTEAD[words]}; revision {LAST_WITH_ALL} is the last that has it"
+
+
+def moved(error: BaseException) -> str:
+    """Return the words on the place where a module or name, which an import misses, lies now."""
+    if not isinstance(error, ImportError):
+        return ""
+    import tomllib  # `--help` does without it
+
+    name = re.match(r"cannot import name '(\w+)'", str(error))
+    missed = f"{error.name}.{name[1]}" if name else str(error.name)
+    table = Path(__file__).with_name("moved.toml").read_text(encoding="utf-8")
+    places = tomllib.loads(table).get(missed, "").split()
+    return f", which is {' or '.join(places)} now" * bool(places)
 
 
 def gone_from_command(arguments: Sequence[str]) -> str | None:

@@ -17,6 +17,7 @@ from io import UnsupportedOperation
 from pathlib import Path
 from typing import IO, Any
 
+from protocols.gone import moved
 from protocols.limits import check_within, limit
 
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
@@ -144,8 +145,8 @@ def plug_in(owner: str, name: str, group: str, error: type[Exception]) -> Iterat
         cure = " it by docs/from-0.3-to-0.4.md, which says what went or moved," * lost
         raise error(
             f"package {owner!r}: its plug-in {name!r} of metamerlab.{group} must load"
-            f" ({type(found).__name__}: {visible_line(str(found))}); mend{cure} or uninstall the"
-            " package"
+            f" ({type(found).__name__}: {visible_line(str(found))}{moved(found)}); mend{cure} or"
+            " uninstall the package"
         ) from found
 
 

@@ -18,6 +18,7 @@ from types import GenericAlias
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from protocols.errors import StudyError
+from protocols.gone import moved
 from protocols.outside import OURS, plug_in, visible_line
 
 T = TypeVar("T")
@@ -177,7 +178,7 @@ def culprit(error: BaseException) -> str | None:
         for entry in _entry_points().select(group=_PREFIX + name)
         if entry.module.split(".")[0] not in OURS  # what ships may stand under another name
     ]
-    raised = f"{type(error).__name__}: {visible_line(str(error))}"
+    raised = f"{type(error).__name__}: {visible_line(str(error))}{moved(error)}"
     for whole in (True, False):  # the module that it names, or another of its package
         for entry in entries:
             place = entry.value.partition(":")[0].strip().replace(".", "/")

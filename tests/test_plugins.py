@@ -5,15 +5,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import inspect
 import json
 import multiprocessing
 import os
+import pkgutil
 import re
 import runpy
 import subprocess
 import sys
+import tomllib
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -148,6 +151,36 @@ def test_a_plug_in_that_imports_what_went_is_sent_to_the_page_that_says_so(insta
     assert message.startswith(f"package 'odd-one': its plug-in 'mine' of metamerlab.{group} must")
     cure = "mend it by docs/from-0.3-to-0.4.md, which says what went or moved, or uninstall"
     assert message.endswith(f"; {cure} the package")
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("from protocols.html_page import html_page",
+         "No module named 'protocols.html_page', which is protocols.blocks now)"),
+        ("import stimuli.read_stimulus",
+         "'stimuli.read_stimulus', which is pipeline.pictures.stored_frames now)"),
+        ("import stimuli.foveated.rings", "which is stimuli.foveate or stimuli.media.moving or "),
+        ("from protocols.tasks import two_interval", "which is protocols.tasks.pairs now)"),
+        ("from protocols.units import visible", "which is protocols.units.require_visible now)"),
+        ("from analysis.report.values import flat_table", "is analysis.report.values.frame_of now"),
+    ],
+)  # fmt: skip
+def test_a_plug_in_is_told_where_lies_what_moved(installed, line, told):
+    with pytest.raises(StudyError) as caught:
+        installed("parts", "odd:Plain", f"{line}\nclass Plain: pass\n")
+    assert told in str(caught.value)
+
+
+def test_what_moved_lies_where_the_message_says():
+    def there(name):
+        with contextlib.suppress(ImportError, AttributeError):
+            return bool(pkgutil.resolve_name(name))
+        return False
+
+    rows = tomllib.loads(Path("protocols/moved.toml").read_text(encoding="utf-8"))
+    assert [old for old in rows if there(old)] == []
+    assert [new for places in rows.values() for new in places.split() if not there(new)] == []
 
 
 def test_an_analysis_with_the_names_of_0_3_is_told_the_new_ones():
