@@ -41,7 +41,7 @@ from protocols.tasks.base import whole_frames
 ShownAlone: TypeAlias = (
     phases.Fixation
     | phases.Image
-    | phases.Clip
+    | phases.MovingImage
     | phases.LiveImage
     | phases.Optotype
     | phases.Bar
@@ -383,7 +383,7 @@ class Scripts:
                     " give such a value",
                 )
         count = self.study.task.stimuli_per_trial
-        of_trial = phases.Image | phases.Clip | phases.LiveImage
+        of_trial = phases.Image | phases.MovingImage | phases.LiveImage
         if isinstance(entry, of_trial) and not 0 <= entry.stimulus < count:
             raise _wrong(
                 phase,
@@ -411,7 +411,7 @@ class Scripts:
                 left = width // 2 if half == "right" else 0
                 crop = None if half is None else (left, 0, width // 2, height)
                 return Frames(stimulus=stimulus, every=0, last=0, at=(x + left, y), crop=crop)
-            case phases.Clip(stimulus, every, x_deg, y_deg):
+            case phases.MovingImage(stimulus, every, x_deg, y_deg):
                 at = self.place(x_deg, y_deg, width, height)
                 last = self.study.stimuli.frames - 1
                 return Frames(stimulus=stimulus, every=every, last=last, at=at)

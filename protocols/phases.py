@@ -31,7 +31,7 @@ class Image:
 
 
 @dataclass(frozen=True)
-class Clip:
+class MovingImage:
     """A clip of the trial, from its first frame on."""
 
     stimulus: int
@@ -98,7 +98,9 @@ def rgba_sha256(width_px: int, height_px: int, rgba: bytes) -> str:
     return hashlib.sha256(f"{width_px}x{height_px}".encode() + rgba).hexdigest()
 
 
-Drawable: TypeAlias = Fixation | Image | Clip | LiveImage | Optotype | Bar | QuestionText | Bitmap
+Drawable: TypeAlias = (
+    Fixation | Image | MovingImage | LiveImage | Optotype | Bar | QuestionText | Bitmap
+)
 """Drawables of a flip; a phase that draws nothing is blank. Anything else is refused: a task of
 your own draws it as a `Bitmap`."""
 

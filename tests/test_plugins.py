@@ -141,7 +141,12 @@ def test_a_plug_in_that_ends_while_it_loads_is_named(installed, group, ends):
 
 @pytest.mark.parametrize("group", REGISTRIES)
 @pytest.mark.parametrize(
-    "line", ["import analysis.parts.oracle", "from protocols.tasks.base import Oracle"]
+    "line",
+    [
+        "import analysis.parts.oracle",
+        "from protocols.tasks.base import Oracle",
+        "from protocols.phases import Clip",
+    ],
 )
 def test_a_plug_in_that_imports_what_went_is_sent_to_the_page_that_says_so(installed, group, line):
     with pytest.raises((StudyError, InputError)) as caught:

@@ -18,7 +18,7 @@ from protocols.disk.hashing import Chance, Json
 from protocols.display import Display
 from protocols.errors import Problem, StudyError
 from protocols.journal import Attempt
-from protocols.phases import Clip, Fixation, Image, LiveImage, Phase
+from protocols.phases import Fixation, Image, LiveImage, MovingImage, Phase
 from protocols.recipes.base import Pool
 from protocols.study_file.session_schema import Exclusions
 from protocols.tasks.confidence_question import COLUMNS, Confidence
@@ -333,14 +333,14 @@ def shown_phase(
         If the time of a stimulus, or of a clip's frame, is not whole refreshes of the display.
     """
     clip_s = pool.stimuli.clip_s
-    shown: list[Clip | Image | LiveImage]
+    shown: list[MovingImage | Image | LiveImage]
     if pool.stimuli.follows_gaze:
         shown = [LiveImage(index, x_deg) for index, x_deg in places]
     elif clip_s is None:
         shown = [Image(index, x_deg) for index, x_deg in places]
     else:
         each = whole_frames(display, 1 / pool.stimuli.frame_hz)
-        shown = [Clip(index, each, x_deg) for index, x_deg in places]
+        shown = [MovingImage(index, each, x_deg) for index, x_deg in places]
     frames = whole_frames(display, task.single_s(pool))
     return Phase(name, frames, (*shown, Fixation()), watched=True)
 

@@ -17,7 +17,16 @@ from protocols.journal import Attempt
 from protocols.journal_file import read_journal
 from protocols.load import load_study
 from protocols.make_script import example_scripts, trial_script
-from protocols.phases import STUDY_QUESTION, Bar, Bitmap, Clip, Image, Phase, Question, QuestionText
+from protocols.phases import (
+    STUDY_QUESTION,
+    Bar,
+    Bitmap,
+    Image,
+    MovingImage,
+    Phase,
+    Question,
+    QuestionText,
+)
 from protocols.plan import make_plan
 from protocols.script import Picture, StoredPicture
 from protocols.study_file.session_schema import Gaze
@@ -144,7 +153,7 @@ def test_a_clip_that_lasts_until_an_answer_ends_with_its_last_frame_staying(monk
 
     def speeded(_task, pool, display):
         each = round(display.refresh_hz / pool.stimuli.frame_hz)
-        show = (Clip(0, each, x_deg=-6.0), Clip(1, each, x_deg=6.0))
+        show = (MovingImage(0, each, x_deg=-6.0), MovingImage(1, each, x_deg=6.0))
         return (Phase("both", None, show, watched=True, asks=STUDY_QUESTION),)
 
     monkeypatch.setattr(TwoInterval, "phases", speeded)
@@ -284,8 +293,8 @@ MISTAKES = {
         "phase 'shown': width_deg of Bar must be at least 0 and below 180",
     ),
     "a clip that stands": (
-        [replace(SHOWN, show=(Clip(0, 0),))],
-        "phase 'shown': refreshes_per_frame of Clip must be at least 1",
+        [replace(SHOWN, show=(MovingImage(0, 0),))],
+        "phase 'shown': refreshes_per_frame of MovingImage must be at least 1",
     ),
     "a half that is none": (
         [replace(SHOWN, show=(Image(0, half="up"),))],
