@@ -141,12 +141,7 @@ def test_a_plug_in_that_ends_while_it_loads_is_named(installed, group, ends):
 
 @pytest.mark.parametrize("group", REGISTRIES)
 @pytest.mark.parametrize(
-    "line",
-    [
-        "import analysis.parts.oracle",
-        "from protocols.tasks.base import Oracle",
-        "from protocols.phases import Clip",
-    ],
+    "line", ["import analysis.parts.oracle", "from protocols.tasks.base import Oracle"]
 )
 def test_a_plug_in_that_imports_what_went_is_sent_to_the_page_that_says_so(installed, group, line):
     with pytest.raises((StudyError, InputError)) as caught:
@@ -167,6 +162,7 @@ def test_a_plug_in_that_imports_what_went_is_sent_to_the_page_that_says_so(insta
          "'stimuli.read_stimulus', which is pipeline.pictures.stored_frames now)"),
         ("import stimuli.foveated.rings", "which is stimuli.foveate or stimuli.media.moving or "),
         ("from protocols.tasks import two_interval", "which is protocols.tasks.pairs now)"),
+        ("from protocols.phases import Clip", "which is protocols.phases.MovingImage now)"),
         ("from protocols.units import visible", "which is protocols.units.require_visible now)"),
         ("from analysis.report.values import flat_table", "is analysis.report.values.frame_of now"),
     ],
