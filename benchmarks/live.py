@@ -127,7 +127,8 @@ def time_live(
     )  # fmt: skip
 
 
-def _memory(loop: LiveLoop, renderer: FoveatingRenderer, frames: int = 20) -> tuple[int, int]:
+def _memory(loop: LiveLoop, renderer: FoveatingRenderer) -> tuple[int, int]:
+    frames = 20
     tracemalloc.start()
     loop.step(renderer, LiveView(), 1)
     first, most = tracemalloc.get_traced_memory()[0], 0

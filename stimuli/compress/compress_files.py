@@ -202,7 +202,7 @@ _PICTURE_COLOUR = "#0072B2"
 
 
 def write_compression_steps(
-    folder: Path, picture: NDArray[np.float32], held: CompressedPicture, *, seed: int = 0
+    folder: Path, picture: NDArray[np.float32], held: CompressedPicture
 ) -> list[Path]:
     """Write the first frame's parts as `save_steps` does, and return what it returns.
 
@@ -210,8 +210,6 @@ def write_compression_steps(
     ----------
     picture : ndarray of shape (H, W, 3)
         What was compressed, encoded R'G'B' in [0, 1].
-    seed : int
-        Of the noise in what is shown.
     """
     grids, base = held.map_grids(), held.bases[0]
     steps = [
@@ -231,7 +229,7 @@ def write_compression_steps(
     steps += [
         ("density", "density, its integral, and cells", density_picture(held.grid, grids)),
         ("base", "colour alone", drawing.of_colour(decoded_base(base, held.grid, held.codec))),
-        ("shown", f"with noise, seed {seed}", drawing.of_colour(decompress(held, seed=seed))),
+        ("shown", "with noise, seed 0", drawing.of_colour(decompress(held, seed=0))),
     ]
     height = max(picture.shape[0], 240)
     size = (height, max(picture.shape[1], height))

@@ -133,7 +133,6 @@ def rival_sheet(
     picture: NDArray[np.float32],
     found: Sequence[Rival | InfeasibleRival],
     measure: Callable[[Rival], RivalQuality],
-    columns: int | None = None,
 ) -> drawing.Picture:
     """Lay the picture and its rivals out on one labelled sheet; what there is not is grey."""
     tiles = [("picture", drawing.of_colour(picture))]
@@ -150,4 +149,4 @@ def rival_sheet(
                 drawing.of_colour(rival.shown),
             )
         )
-    return drawing.sheet(tiles, columns)
+    return drawing.sheet(tiles)

@@ -232,10 +232,9 @@ def sheet_of(
     gaze_px: tuple[float, float],
     viewing: Viewing,
     seen: Sequence[ConditionPicture],
-    pooling: Pooling | None = None,
 ) -> Picture:
     """Lay the picture with its pools, and every condition, out on one labelled sheet."""
-    law = pooling or Pooling()
+    law = Pooling()
     geometry = viewing.of(colour.shape[1], colour.shape[0])
     pooled, eccentricities = draw_pools(drawing.of_colour(colour), geometry, gaze_px, law)
     radius_px = max(4.0, min(colour.shape[:2]) / 80)

@@ -194,9 +194,7 @@ def lathe(profile: ArrayLike, texture_m: float, *, sides: int = 24) -> Mesh:
     return _facing(mesh, mesh.position_m - middle)
 
 
-def boulder(
-    rng: np.random.Generator, radius_m: float, texture_m: float, rough: float = 0.25
-) -> Mesh:
+def boulder(rng: np.random.Generator, radius_m: float, texture_m: float) -> Mesh:
     """A rounded rock, flattened a little."""
     rows, columns = 14, 22
     polar = np.linspace(0, np.pi, rows)[:, None]
@@ -209,7 +207,7 @@ def boulder(
         for _ in range(5):
             way, phase = rng.normal(size=3), rng.uniform(0, 2 * np.pi)
             lumps += np.sin(scale * (unit @ way) * 1.4 + phase) / scale / 5
-    position = unit * (radius_m * (1 + rough * lumps))[..., None] * (1.0, 0.72, 1.0)
+    position = unit * (radius_m * (1 + 0.25 * lumps))[..., None] * (1.0, 0.72, 1.0)
     copies = max(1, round(2 * np.pi * radius_m / texture_m))
     uv = np.stack(
         [copies * turn / (2 * np.pi) + 0 * polar, polar / np.pi * max(1, copies // 2) + 0 * turn],

@@ -537,8 +537,9 @@ def _trees(rng: np.random.Generator) -> list[MeshPart]:
 # --- textures ----------------------------------------------------------------------------
 
 
-def _pane(rng: np.random.Generator, size: int = 256, *, curtains: bool = True) -> NDArray[np.uint8]:
+def _pane(rng: np.random.Generator, *, curtains: bool = True) -> NDArray[np.uint8]:
     """A dark room behind glass, curtains, and some sky in the glass; v = 0 is the sill."""
+    size = 256
     v, u = np.mgrid[:size, :size] / size
     sky = np.clip(0.25 + 0.55 * v + 0.25 * textures.fractal(rng, size, 1.5), 0, 1) ** 2
     colour = np.array([34.0, 36, 40]) + sky[..., None] * np.array([74.0, 88, 104])

@@ -160,17 +160,17 @@ _CRATERS = 1400
 _POLE_DEG = 72.0  # of latitude: beyond it lies ice
 
 
-def planet_map(height_px: int, seed: int = 0) -> NDArray[np.uint8]:
+def planet_map(height_px: int) -> NDArray[np.uint8]:
     """Draw an equirectangular map: (height, 2 * height, 3), encoded R'G'B'.
 
-    It goes on at its other side. The same seed gives the same planet at every size, but for what
-    is finer than a pixel of the smaller one.
+    It goes on at its other side. It is the same planet at every size, but for what is finer than
+    a pixel of the smaller one.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     latitude = (0.5 - (np.arange(height_px) + 0.5) / height_px) * np.pi
-    ground = _fractal(height_px, seed, 1.55)
+    ground = _fractal(height_px, 0, 1.55)
     ground += _craters(height_px, latitude, rng)
-    stains = _fractal(height_px, seed + 1, 1.3)
+    stains = _fractal(height_px, 1, 1.3)
     # A low sun in the west makes relief of slopes.
     slope = np.roll(ground, -1, axis=1) - ground
     slope *= height_px / 512 / np.maximum(np.cos(latitude), 0.1)[:, None]

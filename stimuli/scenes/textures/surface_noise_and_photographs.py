@@ -27,7 +27,7 @@ def fractal(
     return noise(rng, size, slope, coarsest, 1.0)
 
 
-def photograph(name: str, size: int = SIZE_PX) -> Plane:
+def photograph(name: str) -> Plane:
     """One of scikit-image's grey photographs, made to repeat; zero mean, unit variance.
 
     Uneven light is taken out. The seam is hidden by fading into the picture shifted by
@@ -42,10 +42,7 @@ def photograph(name: str, size: int = SIZE_PX) -> Plane:
     weight = np.clip(np.minimum(ramp[:, None], ramp[None, :]), 0, 1)
     mixed = weight * grey + (1 - weight) * shifted
     mixed /= np.sqrt(weight**2 + (1 - weight) ** 2)  # two pictures averaged lose contrast
-    if size > 512:
-        mixed = np.tile(mixed, (size // 512, size // 512))
-    elif size < 512:
-        mixed = mixed.reshape(size, 512 // size, size, 512 // size).mean(axis=(1, 3))
+    mixed = np.tile(mixed, (SIZE_PX // 512, SIZE_PX // 512))
     return np.asarray((mixed - mixed.mean()) / mixed.std())
 
 

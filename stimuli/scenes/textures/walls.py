@@ -30,24 +30,23 @@ def masonry(
     *,
     joint: float = 0.06,
     rough: float = 1.0,
-    size: int = SIZE_PX,
 ) -> ByteTexture:
     """Courses of blocks in running bond: brick for many rows, ashlar for few."""
-    y, x = _texels(size)
+    y, x = _texels(SIZE_PX)
     wobble = 0.006 * rough
-    row, down = _counted((y + wobble * fractal(rng, size, 1.4) * 0.5) * rows, rows)
-    x = x + wobble * fractal(rng, size, 1.4) * 0.5
+    row, down = _counted((y + wobble * fractal(rng, SIZE_PX, 1.4) * 0.5) * rows, rows)
+    x = x + wobble * fractal(rng, SIZE_PX, 1.4) * 0.5
     shift = 0.5 * (np.arange(rows) % 2) + 0.12 * rough * rng.uniform(-1, 1, rows)
     column, along = _counted(x * columns + shift[row], columns)
     block = row * columns + column
     block_ratio = rows / columns
     edge = np.minimum(np.minimum(down, 1 - down), np.minimum(along, 1 - along) * block_ratio)
-    edge = edge + 0.012 * rough * fractal(rng, size, 0.9)
+    edge = edge + 0.012 * rough * fractal(rng, SIZE_PX, 0.9)
     inside = np.clip((edge - joint) / (0.35 * joint), 0, 1)
     tones = ramp(rng.uniform(0, 1, rows * columns), colours)
     dark = rng.normal(0, 1, rows * columns)
-    grain = fractal(rng, size, 0.75, 8)
-    stain = fractal(rng, size, 1.5)
+    grain = fractal(rng, SIZE_PX, 0.75, 8)
+    stain = fractal(rng, SIZE_PX, 1.5)
     value = 1 + 0.07 * dark[block] + 0.09 * rough * grain + 0.05 * stain
     rim = np.clip((edge - joint) / (3 * joint), 0, 1)
     value *= inside * (0.86 + 0.14 * rim)
