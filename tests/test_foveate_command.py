@@ -19,7 +19,7 @@ from stimuli.foveate.condition_sheet import _named, draw_pools, ring_eccentricit
 from stimuli.foveate.foveate_files import Outputs, foveate_file
 from stimuli.foveate.foveation_steps import condition_steps
 from stimuli.media.frames_folder import Reporter
-from stimuli.media.gaze_and_display import StatedViewing, look_at, read_gaze
+from stimuli.media.gaze_and_display import StatedViewing, read_gaze
 from stimuli.media.moving import shrunk, wandering
 from study_app.cli import app
 
@@ -233,24 +233,24 @@ def test_list_names_every_condition_and_law_without_a_picture():
 
 
 def test_degrees_lie_right_of_and_below_the_middle():
-    flat = look_at((400, 600), fov_deg=90).geometry  # 300 px away
+    flat = StatedViewing(fov_deg=90).of((400, 600)).geometry  # 300 px away
 
     x, y = read_gaze("45deg,-45deg", flat)
     assert (x, y) == pytest.approx((600, -100))
     assert read_gaze("12.5,7", flat) == (12.5, 7)
-    around = look_at((180, 360), panorama=True).geometry
+    around = StatedViewing(panorama=True).of((180, 360)).geometry
     assert read_gaze("90deg,-45deg", around) == pytest.approx((270, 45))
     assert read_gaze(None, around) == (180, 90)
 
 
 def test_a_display_says_how_far_the_eye_is():
     """By hand: 597.7 mm over 1920 px, seen from 700 mm: 2248.6 px away."""
-    looking = look_at((1080, 1920), display="fhd27-60hz")
+    looking = StatedViewing(display="fhd27-60hz").of((1080, 1920))
 
     assert looking.geometry.distance_px == pytest.approx(700 * 1920 / 597.7)
     assert "46.2 x 27.0 degrees (display fhd27-60hz, pixel for pixel)" in looking.words
     assert not looking.notes
-    assert "larger than the display" in look_at((1081, 100), display="fhd27-60hz").notes[0]
+    assert "larger than the display" in StatedViewing(display="fhd27-60hz").of((1081, 100)).notes[0]
 
 
 def test_a_panorama_has_no_seam(tmp_path, rng):

@@ -115,12 +115,12 @@ class Recipe(Model):
     @property
     def frame_hz(self) -> float:
         """Frames per second of every stimulus; 1 for stills."""
-        raise NotImplementedError
+        return 1.0
 
     @property
     def frames(self) -> int:
         """Frames of the longest stimulus; 1 for stills."""
-        raise NotImplementedError
+        return 1
 
     @property
     def seed(self) -> int:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Required, TypedDict
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -208,16 +208,6 @@ class Cuts(Model):
     their noise."""
 
 
-class _Drawn(TypedDict, total=False):
-    """Parameters of a stimulus that depend on what is drawn into it."""
-
-    seed: Required[int]
-    eccentricity_deg: float
-    polar_deg: float
-    gap_deg: float | None
-    cut_deg: float | None
-
-
 @dataclass(frozen=True)
 class FoveatedStimulus:
     """One stimulus in full."""
@@ -236,6 +226,11 @@ class FoveatedStimulus:
     """None: a closed ring, or none."""
     cut_deg: float | None = None
     """Direction of the line, counter-clockwise from the right; None: not cut."""
+
+    def told(self, more: Mapping[str, Scalar], *words: str) -> FoveatedStimulus:
+        """Return it with further words in its name and further columns of its condition."""
+        name = "__".join((self.name, *words))
+        return replace(self, name=name, condition={**self.condition, **more})
 
 
 class FoveatedImages(ExtendedModel, Recipe):
@@ -337,35 +332,25 @@ class FoveatedImages(ExtendedModel, Recipe):
     def _stimuli(self) -> Iterator[FoveatedStimulus]:
         turns = self._turns()
         for picture, shown, gaze in product(self.pictures, self.methods, self.gazes):
-            named = [picture.name, shown.name]
-            condition: dict[str, Scalar] = {"scene": picture.name, "method": shown.name}
-            condition |= shown.columns
+            condition = {"scene": picture.name, "method": shown.name, **shown.columns}
+            plain = FoveatedStimulus(
+                f"{picture.name}__{shown.name}", condition, picture, shown, gaze, 0
+            )
             if len(self.gazes) > 1:
-                named.append(gaze.name)
-                condition["gaze"] = gaze.name
+                plain = plain.told({"gaze": gaze.name}, gaze.name)
             if self.rings is not None:
-                drawn = self._rings(self.rings, picture, gaze, turns)
+                yield from self._rings(self.rings, plain, turns)
             elif self.cuts is not None:
-                drawn = self._cuts(self.cuts, picture, shown, gaze)
+                yield from self._cuts(self.cuts, plain)
             else:
-                drawn = self._plain(shown)
-            for words, more, extra in drawn:
-                name = "__".join([*named, *words])
-                yield FoveatedStimulus(
-                    name,
-                    condition | more,
-                    picture,
-                    shown,
-                    gaze,
-                    **extra,
-                )
+                yield from self._draws(plain)
 
-    def _plain(self, shown: ShownMethod) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
-        several = self.draws > 1 and shown.condition != REFERENCE  # which has no seed
-        for draw in range(self.draws if several else 1):
-            words = [f"d{draw}"] if several else []
-            more: dict[str, Scalar] = {"draw": draw} if several else {}
-            yield words, more, {"seed": self._seed_of(draw)}
+    def _draws(self, plain: FoveatedStimulus) -> Iterator[FoveatedStimulus]:
+        if self.draws == 1 or plain.shown.condition == REFERENCE:  # which has no seed
+            yield replace(plain, seed=self._seed_of(0))
+            return
+        for draw in range(self.draws):
+            yield replace(plain.told({"draw": draw}, f"d{draw}"), seed=self._seed_of(draw))
 
     def _turns(self) -> dict[tuple[float, str, float | None, int], str]:
         """Return the one picture of every ring, where pictures take turns; else nothing."""
@@ -387,15 +372,13 @@ class FoveatedImages(ExtendedModel, Recipe):
     def _rings(
         self,
         rings: Rings,
-        picture: ScenePicture,
-        gaze: GazePoint,
+        plain: FoveatedStimulus,
         turns: Mapping[tuple[float, str, float | None, int], str],
-    ) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
-        kinds = _kinds(rings)
+    ) -> Iterator[FoveatedStimulus]:
+        scene, kinds = plain.picture.name, _kinds(rings)
         for eccentricity, (symbol, gap) in product(rings.eccentricities_deg, kinds):
             for place in range(rings.places):
-                of_ring = turns.get((eccentricity, symbol, gap, place), picture.name)
-                if of_ring != picture.name:
+                if turns.get((eccentricity, symbol, gap, place), scene) != scene:
                     continue
                 chance = Chance(self.texture_seed, "polar", eccentricity, symbol, gap, place)
                 within = chance.below(_FINER) / _FINER
@@ -413,42 +396,27 @@ class FoveatedImages(ExtendedModel, Recipe):
                     "polar_deg": polar,
                 }
                 # Of the picture, not of the method: methods differ in nothing else.
-                seed = self._seed_of(picture.name, gaze.name, eccentricity, symbol, gap, place)
-                yield (
-                    words,
-                    more,
-                    {
-                        "seed": seed,
-                        "eccentricity_deg": eccentricity,
-                        "polar_deg": polar,
-                        "gap_deg": gap,
-                    },
-                )
+                seed = self._seed_of(scene, plain.gaze.name, eccentricity, symbol, gap, place)
+                yield replace(
+                    plain.told(more, *words), seed=seed, eccentricity_deg=eccentricity,
+                    polar_deg=polar, gap_deg=gap,
+                )  # fmt: skip
 
-    def _cuts(
-        self, cuts: Cuts, picture: ScenePicture, shown: ShownMethod, gaze: GazePoint
-    ) -> Iterator[tuple[list[str], dict[str, Scalar], _Drawn]]:
+    def _cuts(self, cuts: Cuts, plain: FoveatedStimulus) -> Iterator[FoveatedStimulus]:
         # A reference beside a reference is consistent, whatever the cut.
-        alone = shown.condition == REFERENCE
+        alone = plain.shown.condition == REFERENCE
+        scene, gaze = plain.picture.name, plain.gaze.name
         for cut, draw in product([CONSISTENT] if alone else [CONSISTENT, INCONSISTENT],
                                  range(cuts.draws)):  # fmt: skip
-            chance = Chance(
-                self.texture_seed, "cut", picture.name, shown.name, gaze.name, cut, draw
-            )
+            chance = Chance(self.texture_seed, "cut", scene, plain.shown.name, gaze, cut, draw)
             angle = chance.below(_TURN * _FINER) / _FINER
             more: dict[str, Scalar] = {"cut": cut, "draw": draw, "cut_deg": angle}
             own = (cut, draw) if cuts.own_seeds else ()
             # A new seed takes long to prepare: live, between trials.
-            named = () if self.live and not own else (picture.name, gaze.name)
-            seed = self._seed_of(*named, *own)
-            yield (
-                [cut, f"d{draw}"],
-                more,
-                {
-                    "seed": seed,
-                    "cut_deg": angle if cut == INCONSISTENT else None,
-                },
-            )
+            named = () if self.live and not own else (scene, gaze)
+            cut_deg = angle if cut == INCONSISTENT else None
+            stimulus = plain.told(more, cut, f"d{draw}")
+            yield replace(stimulus, seed=self._seed_of(*named, *own), cut_deg=cut_deg)
 
     def _seed_of(self, *what: Scalar | None) -> int:
         return Chance(self.texture_seed, "noise", *what).below(2**53)
@@ -528,16 +496,6 @@ class FoveatedImages(ExtendedModel, Recipe):
     def size_px(self, _display: Display) -> tuple[int, int]:
         """Return (width, height) of every picture."""
         return self.width_px, self.height_px
-
-    @property
-    def frame_hz(self) -> float:
-        """1: stills."""
-        return 1.0
-
-    @property
-    def frames(self) -> int:
-        """1: stills."""
-        return 1
 
     @property
     def seed(self) -> int:

@@ -136,20 +136,19 @@ class StudyProtocol(ExtendedModel):
 
     def with_secret(self, secret: str) -> StudyProtocol:
         """Return the same study with its secret at hand."""
-        copy = self.model_copy()
-        copy._secret = secret
-        return copy
+        return self._beside("_secret", secret)
 
     def with_gone(self, said: dict[str, object]) -> StudyProtocol:
         """Return the same study with what its removed keys said, by dotted place."""
-        copy = self.model_copy()
-        copy._gone = said
-        return copy
+        return self._beside("_gone", said)
 
     def ordered_by(self, seed: int) -> StudyProtocol:
         """Return the same study with this seed of the order, as one participant drew it."""
+        return self._beside("_order_seed", seed)
+
+    def _beside(self, name: str, value: object) -> StudyProtocol:
         copy = self.model_copy()
-        copy._order_seed = seed
+        setattr(copy, name, value)
         return copy
 
     def in_a_browser(self) -> StudyProtocol:

@@ -16,7 +16,7 @@ from protocols.display import Display
 from protocols.errors import Problem, StudyError, did_you_mean
 from protocols.journal import Attempt
 from protocols.phases import Phase
-from protocols.recipes.base import SCENE, Pool
+from protocols.recipes.base import SCENE, Group, Pool
 from protocols.tasks.base import (
     Adaptive,
     Analysis,
@@ -253,38 +253,30 @@ class PairTask(Task):
 
     def cells(self, pool: Pool) -> list[Cell]:
         """Return every pair in every scene and size that has stimuli for both."""
-        found = []
-        for scene, parity, stimuli, condition in pool.stimuli.groups(pool.scenes, self.compare):
-            for place, pairing in enumerate(self.paired(pool)):
-                if set(pairing) <= set(stimuli):
-                    names = {value: stimuli[value].name for value in pairing}
-                    found.append(
-                        Cell(scene, self._both_orders(condition, pairing, names), parity + place)
-                    )
-        return found
+        return [
+            cell
+            for group in pool.stimuli.groups(pool.scenes, self.compare)
+            for place, pairing in enumerate(self.paired(pool))
+            for cell in self._of_group(group, pairing, group.parity + place)
+        ]
 
     def cell(self, pool: Pool, condition: Condition, pairing: tuple[str, str]) -> Cell | None:
         """Return one pair in a scene and size; None where a stimulus is missing."""
-        scene = str(condition.get(SCENE, ""))
-        for _, parity, stimuli, found in pool.stimuli.groups([scene], self.compare):
-            if found == condition and set(pairing) <= set(stimuli):
-                names = {value: stimuli[value].name for value in pairing}
-                return Cell(scene, self._both_orders(found, pairing, names), parity)
-        return None
+        groups = pool.stimuli.groups([str(condition.get(SCENE, ""))], self.compare)
+        alike = (group for group in groups if group.condition == condition)
+        found = (cell for one in alike for cell in self._of_group(one, pairing, one.parity))
+        return next(found, None)
 
     def catch_cells(self, pool: Pool) -> list[Cell]:
         """Return the catch pair in every scene that has it."""
-        if self.catch is None:
+        if (catch := self.catch) is None:
             return []
-        found = []
-        pairing = (self.catch.better, self.catch.worse)
-        for scene, _, stimuli, condition in pool.stimuli.groups(pool.scenes, self.compare):
-            if matches(condition, self.catch.where) and set(pairing) <= set(stimuli):
-                names = {value: stimuli[value].name for value in pairing}
-                found.append(
-                    Cell(scene, self._both_orders(condition, pairing, names, self.catch.better))
-                )
-        return found
+        return [
+            cell
+            for group in pool.stimuli.groups(pool.scenes, self.compare)
+            if matches(group.condition, catch.where)
+            for cell in self._of_group(group, (catch.better, catch.worse), 0, catch.better)
+        ]
 
     @property
     def catch_trials(self) -> int:
@@ -300,22 +292,21 @@ class PairTask(Task):
         """The rule that chooses pairs from the answers."""
         return self.sampling
 
-    def _both_orders(
-        self,
-        condition: dict[str, Scalar],
-        pairing: tuple[str, str],
-        names: dict[str, str],
-        better: str | None = None,
-    ) -> tuple[Arrangement, ...]:
-        first, second = self.answers()
-        return tuple(
-            Arrangement(
-                {**condition, first: one, second: other},
-                (names[one], names[other]),
-                None if better is None else first if one == better else second,
+    def _of_group(
+        self, group: Group, pairing: tuple[str, str], parity: int, better: str | None = None
+    ) -> Iterator[Cell]:
+        """Yield a pair in both orders, where the group has stimuli for both."""
+        if set(pairing) <= set(group.stimuli):
+            first, second = self.answers()
+            orders = (
+                Arrangement(
+                    {**group.condition, first: one, second: other},
+                    (group.stimuli[one].name, group.stimuli[other].name),
+                    None if better is None else first if one == better else second,
+                )
+                for one, other in (pairing, pairing[::-1])
             )
-            for one, other in (pairing, pairing[::-1])
-        )
+            yield Cell(group.scene, tuple(orders), parity)
 
     def design_sentence(self, pool: Pool) -> str:
         """Return a sentence on the pairs that are shown, and how often."""

@@ -99,7 +99,23 @@ class BuildPlan:
 
     def survey_key(self, clip: ClipName) -> str:
         """The hash of all that decides extent, margin and holes of a clip."""
-        return self._survey_key(clip.scene, clip.size)
+        known, key = self._surveys, (clip.scene, clip.size)
+        if key not in known:
+            scene, clips = self.scene(clip), self.study.warped.clips
+            known[key] = sha256_json(
+                {
+                    "scene": scene_inputs(scene, self.folder),
+                    "sources": source_sha256(*BASE_MODULES, *scene_modules(scene)),
+                    "size": self.size(clip).model_dump(
+                        mode="json", include={"hole_share", "extent_m"}
+                    ),
+                    "render_px": list(self.render_px),
+                    "frames": clips.frames,
+                    "fps": clips.fps,
+                    "margin_share": clips.margin_share,
+                }
+            )
+        return known[key]
 
     def clip_key(self, clip: ClipName) -> str:
         """The manifest's cache key: all that decides a clip's pixels."""
@@ -116,26 +132,6 @@ class BuildPlan:
         if clips.true_view is not None:
             inputs["true_view"] = [clips.true_view.model_dump(), self.distance_px]
         return cache_key(inputs)
-
-    def _survey_key(self, scene_name: str, size_name: str) -> str:
-        known = self._surveys
-        key = (scene_name, size_name)
-        if key not in known:
-            scene = self.study.warped.scene(scene_name)
-            size = next(size for size in self.study.warped.sizes if size.name == size_name)
-            clips = self.study.warped.clips
-            known[key] = sha256_json(
-                {
-                    "scene": scene_inputs(scene, self.folder),
-                    "sources": source_sha256(*BASE_MODULES, *scene_modules(scene)),
-                    "size": size.model_dump(mode="json", include={"hole_share", "extent_m"}),
-                    "render_px": list(self.render_px),
-                    "frames": clips.frames,
-                    "fps": clips.fps,
-                    "margin_share": clips.margin_share,
-                }
-            )
-        return known[key]
 
     def _method_inputs(self, clip: ClipName) -> Json:
         if self.method(clip).is_reference:

@@ -21,7 +21,7 @@ from protocols.recipes.warped_clips import ClipName
 from stimuli.batch.batch_folder import BUILD_FOLDER, HOLES_FOLDER, SURVEY_NAME, survey_name
 from stimuli.batch.clip import read_mask
 from stimuli.batch.contact import SHEET_NAME
-from stimuli.media.png import decode_png
+from stimuli.media.png import decode_in_unit, decode_png
 from stimuli.media.video import preview_path
 
 _ENDS = ("least", "most")
@@ -260,5 +260,4 @@ def _probe(out: Path, clip: Clip, truth: Clip | None) -> ClipFault:
 
 
 def _frame(out: Path, clip: Clip, index: int) -> NDArray[np.float32]:
-    stored = decode_png(out / clip.frame_path(index))
-    return (stored / np.float32(np.iinfo(stored.dtype).max)).astype(np.float32)
+    return decode_in_unit(out / clip.frame_path(index))

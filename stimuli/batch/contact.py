@@ -17,7 +17,7 @@ from protocols.outside import page_bytes
 from protocols.recipes.base import SCENE
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.study_file.schema import StudyProtocol
-from stimuli.media.png import decode_png
+from stimuli.media.png import decode_in_8_bits
 
 SHEET_NAME = "contact-sheet.html"
 SHOWN_FRAMES = 12
@@ -73,10 +73,8 @@ def _strip(out: Path, clip: Clip, shown: Sequence[int], tile: tuple[int, int]) -
     """Small frames below each other, as a WebP in a data address: a third less than JPEG."""
     tiles = []
     for index in shown:
-        frame = decode_png(out / clip.frame_path(index))
-        if frame.dtype == np.uint16:
-            frame = (frame >> 8).astype(np.uint8)
-        tiles.append(cv2.resize(np.ascontiguousarray(frame), tile, interpolation=cv2.INTER_AREA))
+        frame = decode_in_8_bits(out / clip.frame_path(index))
+        tiles.append(cv2.resize(frame, tile, interpolation=cv2.INTER_AREA))
     strip = np.concatenate(tiles)[..., ::-1]
     _, data = cv2.imencode(".webp", np.ascontiguousarray(strip), [cv2.IMWRITE_WEBP_QUALITY, 70])
     return "data:image/webp;base64," + base64.b64encode(bytes(data)).decode()

@@ -26,7 +26,7 @@ from stimuli.denoise.path_traced import (
     render_pair,
 )
 from stimuli.media.frames_folder import SILENT, Reporter
-from stimuli.media.gaze_and_display import StatedViewing, gaze_words, look_at, read_gaze
+from stimuli.media.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
 from stimuli.media.picture_files import PictureFiles, save_pictures
 from stimuli.scenes.builtin_scenes import build_scene
 
@@ -221,7 +221,7 @@ def render_scene(
             raise InputError(f"{path}: must end in {' or '.join(ENDINGS)}")
     seen = SceneView(scene, view)
     edge = rendering.edge_px
-    looking = look_at((edge, edge))
+    looking = AS_ASSUMED.of((edge, edge))
     gaze_px = read_gaze(gaze, looking.geometry)
     world = build_scene(scene, SCENE_SEED)
     renders, true = render_pair(PathTracer(world), world, seen, rendering)
@@ -244,7 +244,7 @@ def _unlike_training(facts: NetworkFacts, geometry: Geometry) -> list[str]:
     """Return notes where the network guesses: it knows pictures like those it was trained on."""
     middle = np.array(geometry.width_px / 2), np.array(geometry.height_px / 2)
     density = float(geometry.px_per_deg(*middle))
-    trained = look_at((facts.edge_px, facts.edge_px), fov_deg=facts.width_deg).geometry
+    trained = StatedViewing(fov_deg=facts.width_deg).of((facts.edge_px, facts.edge_px)).geometry
     known = float(trained.px_per_deg(np.array(facts.edge_px / 2), np.array(facts.edge_px / 2)))
     if max(density / known, known / density) <= DENSITIES_ALIKE:
         return []

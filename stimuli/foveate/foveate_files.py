@@ -212,12 +212,7 @@ def _write(work: _Work, outputs: Outputs) -> list[ConditionPicture]:
     if outputs.score is not None:
         page = _score(work, seen, outputs.score)
         work.reporter.say(f"wrote {page}, and beside it CSV, JSON, Markdown tables and figures")
-    if outputs.animate is not None:
-        _animate(work, outputs.animate, outputs.size_px or moving.LONGEST_PX)
-    if outputs.flip is not None:
-        _flip(work, outputs.flip, outputs.size_px or 2 * moving.LONGEST_PX)
-    if outputs.page is not None:
-        _page(work, outputs.page, outputs.size_px or pages.LONGEST_PX)
+    _write_moving(work, outputs)
     return seen
 
 
@@ -279,27 +274,27 @@ def _score(work: _Work, seen: Sequence[ConditionPicture], out: Path) -> Path:
     return out / page.name
 
 
-def _animate(work: _Work, path: Path, longest_px: int) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    size = moving.wander(
-        path, work.shown, seed=work.seed, longest_px=longest_px, report=work.count_frames
-    )
-    work.reporter.say(f"wrote {path} ({size / 1000:.0f} kB)")
-
-
-def _flip(work: _Work, path: Path, longest_px: int) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    size = moving.flip(
-        path, work.shown, work.gaze_px, seeds=(work.seed, work.seed + 1), longest_px=longest_px,
-        report=work.count_frames,
-    )  # fmt: skip
-    work.reporter.say(f"wrote {path} ({size / 1000:.0f} kB)")
-
-
-def _page(work: _Work, path: Path, longest_px: int) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    width, height, size = pages.write_page(
-        path, work.name, work.opened.colour, work.looking.viewing, work.choices[0],
-        seed=work.seed, longest_px=longest_px,
-    )  # fmt: skip
-    work.reporter.say(f"wrote {path} ({width} x {height} px, {size / 1e6:.1f} MB)")
+def _write_moving(work: _Work, outputs: Outputs) -> None:
+    """Write the moving pictures and the page of the first choice."""
+    say, size_px = work.reporter.say, outputs.size_px
+    for path in (outputs.animate, outputs.flip, outputs.page):
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+    if outputs.animate is not None:
+        size = moving.wander(
+            outputs.animate, work.shown, seed=work.seed, longest_px=size_px or moving.LONGEST_PX,
+            report=work.count_frames,
+        )  # fmt: skip
+        say(f"wrote {outputs.animate} ({size / 1000:.0f} kB)")
+    if outputs.flip is not None:
+        size = moving.flip(
+            outputs.flip, work.shown, work.gaze_px, seeds=(work.seed, work.seed + 1),
+            longest_px=size_px or 2 * moving.LONGEST_PX, report=work.count_frames,
+        )  # fmt: skip
+        say(f"wrote {outputs.flip} ({size / 1000:.0f} kB)")
+    if outputs.page is not None:
+        width, height, size = pages.write_page(
+            outputs.page, work.name, work.opened.colour, work.looking.viewing, work.choices[0],
+            seed=work.seed, longest_px=size_px or pages.LONGEST_PX,
+        )  # fmt: skip
+        say(f"wrote {outputs.page} ({width} x {height} px, {size / 1e6:.1f} MB)")

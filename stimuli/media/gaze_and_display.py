@@ -26,32 +26,6 @@ ASSUMED_DEG = 40.0
 
 
 @dataclass(frozen=True)
-class StatedViewing:
-    """Gaze, display and angle of a picture, as people state them.
-
-    Parameters
-    ----------
-    gaze : str, optional
-        As `read_gaze` takes it; left out: the middle.
-    display, fov_deg, panorama
-        See `look_at`. Without any of them the picture is flat and 40 degrees wide.
-    """
-
-    gaze: str | None = None
-    display: str | None = None
-    fov_deg: float | None = None
-    panorama: bool = False
-
-    def of(self, size: tuple[int, int]) -> GazeAndDisplay:
-        """Return the gaze and the display of a picture of (height, width); raises as `look_at`."""
-        return look_at(size, display=self.display, fov_deg=self.fov_deg, panorama=self.panorama)
-
-
-AS_ASSUMED = StatedViewing()
-"""Nothing is said: the middle of a flat picture, 40 degrees wide."""
-
-
-@dataclass(frozen=True)
 class GazeAndDisplay:
     """A picture before an eye, and in words where that comes from."""
 
@@ -61,69 +35,79 @@ class GazeAndDisplay:
     notes: tuple[str, ...] = ()
 
 
-def look_at(
-    size: tuple[int, int],
-    *,
-    display: str | None = None,
-    fov_deg: float | None = None,
-    panorama: bool = False,
-) -> GazeAndDisplay:
-    """Return the gaze and the display with which a picture is looked at.
+@dataclass(frozen=True)
+class StatedViewing:
+    """Gaze, display and angle of a picture, as people state them.
 
     Parameters
     ----------
-    size : (height, width)
+    gaze : str, optional
+        As `read_gaze` takes it; left out: the middle.
     display : str, optional
         A display of ours or a file of one: the picture stands in its middle, pixel for pixel.
     fov_deg : float, optional
-        Visual angle of the picture's width instead, from `NARROWEST_DEG` to below 180.
+        Visual angle of the picture's width instead, from `NARROWEST_DEG` to below 180. Without
+        either a flat picture is 40 degrees wide.
     panorama : bool
         The picture is equirectangular, all around.
-
-    Raises
-    ------
-    InputError, StudyError
-        If these contradict each other, the angle is impossible, there is no such display, or a
-        panorama is not 2:1.
     """
-    height, width = size
-    if panorama:
-        if display is not None or fov_deg is not None:
-            given = "--display" if display is not None else "--fov"
-            raise InputError(f"a panorama is 360 degrees wide: leave {given} out")
-        around = Equirectangular()
-        geometry: Geometry = around.of(width, height)
-        return GazeAndDisplay(
-            around, geometry, f"panorama: 360 x 180 degrees, {_density(geometry)}"
+
+    gaze: str | None = None
+    display: str | None = None
+    fov_deg: float | None = None
+    panorama: bool = False
+
+    def of(self, size: tuple[int, int]) -> GazeAndDisplay:
+        """Return the gaze and the display with which a picture of (height, width) is looked at.
+
+        Raises
+        ------
+        InputError, StudyError
+            If these contradict each other, the angle is impossible, there is no such display, or a
+            panorama is not 2:1.
+        """
+        height, width = size
+        if self.panorama:
+            if self.display is not None or self.fov_deg is not None:
+                given = "--display" if self.display is not None else "--fov"
+                raise InputError(f"a panorama is 360 degrees wide: leave {given} out")
+            around = Equirectangular()
+            geometry: Geometry = around.of(width, height)
+            return GazeAndDisplay(
+                around, geometry, f"panorama: 360 x 180 degrees, {_density(geometry)}"
+            )
+        if self.display is not None and self.fov_deg is not None:
+            raise InputError("give --display or --fov, not both: each says how wide the picture is")
+        notes: list[str] = []
+        if self.display is not None:
+            screen = load_display(self.display)
+            flat = Flat(distance_px=screen.distance_mm / screen.pitch_x_mm)
+            where = f"display {screen.name}, pixel for pixel"
+            if width > screen.width_px or height > screen.height_px:
+                notes.append(
+                    f"the picture ({width} x {height} px) is larger than the display"
+                    f" ({screen.width_px} x {screen.height_px} px): its border cannot be seen"
+                )
+        elif self.fov_deg is not None:
+            if not NARROWEST_DEG <= self.fov_deg < WIDEST_FLAT_DEG:
+                raise InputError(
+                    f"--fov must lie between {NARROWEST_DEG:g} and 180 degrees"
+                    f" (got {self.fov_deg:g}); a picture that goes all around takes --panorama"
+                )
+            flat, where = Flat(width_deg=self.fov_deg), "as asked"
+        else:
+            flat = Flat(width_deg=ASSUMED_DEG)
+            where = "assumed, since neither --display nor --fov was given"
+        shown = flat.of(width, height)
+        words = (
+            f"field of view: {width_deg(shown):.1f} x {height_deg(shown):.1f} degrees"
+            f" ({where}), {_density(shown)}"
         )
-    if display is not None and fov_deg is not None:
-        raise InputError("give --display or --fov, not both: each says how wide the picture is")
-    notes: list[str] = []
-    if display is not None:
-        screen = load_display(display)
-        flat = Flat(distance_px=screen.distance_mm / screen.pitch_x_mm)
-        where = f"display {screen.name}, pixel for pixel"
-        if width > screen.width_px or height > screen.height_px:
-            notes.append(
-                f"the picture ({width} x {height} px) is larger than the display"
-                f" ({screen.width_px} x {screen.height_px} px): its border cannot be seen"
-            )
-    elif fov_deg is not None:
-        if not NARROWEST_DEG <= fov_deg < WIDEST_FLAT_DEG:
-            raise InputError(
-                f"--fov must lie between {NARROWEST_DEG:g} and 180 degrees (got {fov_deg:g}); a"
-                " picture that goes all around takes --panorama"
-            )
-        flat, where = Flat(width_deg=fov_deg), "as asked"
-    else:
-        flat = Flat(width_deg=ASSUMED_DEG)
-        where = "assumed, since neither --display nor --fov was given"
-    shown = flat.of(width, height)
-    words = (
-        f"field of view: {width_deg(shown):.1f} x {height_deg(shown):.1f} degrees"
-        f" ({where}), {_density(shown)}"
-    )
-    return GazeAndDisplay(flat, shown, words, tuple(notes))
+        return GazeAndDisplay(flat, shown, words, tuple(notes))
+
+
+AS_ASSUMED = StatedViewing()
+"""Nothing is said: the middle of a flat picture, 40 degrees wide."""
 
 
 def width_deg(geometry: FlatGeometry) -> float:

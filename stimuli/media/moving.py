@@ -29,7 +29,7 @@ LONGEST_PX = 480
 FRAMES = 48
 FRAME_MS = 100
 FLIP_MS = 600
-_QUALITY = 80  # of WebP
+_WEBP = {"quality": 80, "method": 4, "minimize_size": False, "kmin": 1, "kmax": 3}
 
 OnFrame = Callable[[int, int], None]
 """Called with frames done and frames in all."""
@@ -163,16 +163,11 @@ def save_moving(path: Path, frames: Sequence[Picture], frame_ms: int) -> int:
     check_ending(path)
     images = [Image.fromarray(frame) for frame in frames]
     buffer = io.BytesIO()
-    if path.suffix.lower() == ".webp":
-        images[0].save(
-            buffer, format="WEBP", save_all=True, append_images=images[1:], duration=frame_ms,
-            loop=0, quality=_QUALITY, method=4, minimize_size=False, kmin=1, kmax=3,
-        )  # fmt: skip
-    else:
-        images[0].save(
-            buffer, format="PNG", save_all=True, append_images=images[1:], duration=frame_ms,
-            loop=0,
-        )  # fmt: skip
+    kind = "WEBP" if path.suffix.lower() == ".webp" else "PNG"
+    images[0].save(
+        buffer, format=kind, save_all=True, append_images=images[1:], duration=frame_ms, loop=0,
+        **(_WEBP if kind == "WEBP" else {}),
+    )  # fmt: skip
     data = buffer.getvalue()
     write_whole(path, data)
     return len(data)

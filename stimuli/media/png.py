@@ -62,6 +62,18 @@ def decode_png(path: Path) -> NDArray[Any]:
     return image[..., ::-1] if image.ndim == 3 else image
 
 
+def decode_in_8_bits(path: Path) -> NDArray[np.uint8]:
+    """Read a PNG as `decode_png`; of 16 bits a channel the upper 8."""
+    stored = decode_png(path)
+    return np.ascontiguousarray(stored >> 8 if stored.dtype == np.uint16 else stored, np.uint8)
+
+
+def decode_in_unit(path: Path) -> NDArray[np.float32]:
+    """Read a PNG as `decode_png`, its numbers from 0 to 1."""
+    stored = decode_png(path)
+    return (stored / np.float32(np.iinfo(stored.dtype).max)).astype(np.float32)
+
+
 def is_whole_png(data: bytes) -> bool:
     """True if `data` is a PNG in which every chunk is there and unharmed."""
     if data[:8] != _SIGNATURE:

@@ -20,7 +20,7 @@ from pipeline.video_file import VideoFrames, is_video, quiet_stderr
 from protocols.disk.locks import clear_files
 from protocols.disk.whole_file import whole_path
 from protocols.manifest import Clip
-from stimuli.media.png import decode_png, encode_bytes
+from stimuli.media.png import decode_in_8_bits, encode_bytes
 
 CODECS: Final = {".mp4": "mp4v", ".webm": "VP80", ".avi": "FFV1"}
 """Codec by ending: .avi keeps every pixel, the others are smaller."""
@@ -252,8 +252,6 @@ def write_preview(out: Path, clip: Clip, path: Path) -> None:
     size = tuple(max(2, round(scale * edge) // 2 * 2) for edge in (clip.width_px, clip.height_px))
     with whole_video(path, (size[0], size[1]), clip.fps) as write:
         for index in range(len(clip.frames_sha256)):
-            frame = decode_png(out / clip.frame_path(index))
-            if frame.dtype == np.uint16:
-                frame = (frame >> 8).astype(np.uint8)
-            small = cv2.resize(np.ascontiguousarray(frame), size, interpolation=cv2.INTER_AREA)
+            frame = decode_in_8_bits(out / clip.frame_path(index))
+            small = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
             write(np.asarray(small, np.uint8))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
+from time import perf_counter
 
 from pipeline.errors import InputError
 from pipeline.pictures.stored_frames import (
@@ -24,9 +25,7 @@ from stimuli.batch.sources import source_sha256
 from stimuli.media.png import encode_bytes
 from stimuli.recipes.base import BuildEstimate
 from stimuli.recipes.single_stimuli import RESERVED, SingleStimulusBuilder
-from stimuli.worker import RendererInfo
 
-NO_RENDERER = RendererInfo("", "none: files made elsewhere", "")
 _TOLD = 3
 """Number of files with a wrong header that are named one by one."""
 _SOURCES = ("pipeline.pictures.stored_frames", "stimuli.media.png")
@@ -34,8 +33,6 @@ _SOURCES = ("pipeline.pictures.stored_frames", "stimuli.media.png")
 
 class FileBuilder(SingleStimulusBuilder[FileEntry]):
     """Checks and hashes files, in threads of this process."""
-
-    renderer = NO_RENDERER
 
     def __init__(self, study: StudyProtocol, display: Display, folder: Path) -> None:
         super().__init__(study, display, folder)
@@ -109,8 +106,6 @@ class FileBuilder(SingleStimulusBuilder[FileEntry]):
 
     def estimate(self, out: Path, workers: int) -> BuildEstimate:
         """Read the first file, time it, and multiply; every other file must be there."""
-        from time import perf_counter
-
         self.check_inputs()
         started = perf_counter()
         sizes = [len(data) for data in self.encoded(self.wanted[0])]
@@ -122,7 +117,7 @@ class FileBuilder(SingleStimulusBuilder[FileEntry]):
             disk_bytes=round(1.05 * sum(sizes) * len(self.wanted)),
             free_bytes=free_bytes(out),
             time_s=time_s / max(1, workers),
-            renderer="none: files made elsewhere",
+            renderer=self.renderer.renderer,
             measured=f"reading {self.wanted[0].file}",
         )
 

@@ -58,6 +58,13 @@ class Subjects:
         """Return the words that people read for a name: its label where it has one."""
         return self.labels.get(name, name)
 
+    def alike(self) -> dict[tuple[str, str], list[Subject]]:
+        """Return what shows one scene in one size, by these."""
+        found: dict[tuple[str, str], list[Subject]] = {}
+        for item in self.items:
+            found.setdefault((item.scene, item.size), []).append(item)
+        return found
+
 
 def subjects_of_batch(folder: Path) -> Subjects:
     """Return every clip of a finished batch that has a reference.
@@ -89,14 +96,8 @@ def subjects_of_batch(folder: Path) -> Subjects:
         if truth is None:
             without.add(f"{clip.column('scene')}, {clip.column('size')}")
             continue
-        items.append(
-            Subject(
-                clip.column("scene"),
-                clip.column("size"),
-                clip.column("method"),
-                _batch_pair(folder, clip, truth),
-            )
-        )
+        scene, size, method = (clip.column(column) for column in ("scene", "size", "method"))
+        items.append(Subject(scene, size, method, _batch_pair(folder, clip, truth)))
     if not items:
         found = ", ".join(sorted({clip.column("method") for clip in manifest.clips}))
         raise StudyError(

@@ -9,12 +9,11 @@ from functools import lru_cache
 from typing import Any
 
 from stimuli.score.measured import PairScores
-from stimuli.score.metrics import HOLES
 from stimuli.score.pair import ScoredPair
 from stimuli.score.torch_parts import (
-    VideoSource,
     load_torchvision,
     one_thread,
+    predicted,
     predictor_settings,
     quiet_libraries,
 )
@@ -23,18 +22,11 @@ from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> PairScores:  # noqa: ARG001
     """Compare the whole clip."""
-    values: dict[tuple[str, str], float | None] = {}
     with quiet_libraries():
         metric = open_cvvdp(viewing)
         from pycvvdp.video_source import video_source_array
 
-        for region in pair.regions:
-            source = VideoSource(pair, region, metric, video_source_array)
-            jod, _ = metric.predict_video_source(source)
-            values["cvvdp", region] = float(jod)
-    if pair.holeless:
-        values["cvvdp", HOLES] = None
-    return PairScores(values)
+        return PairScores(predicted(pair, "cvvdp", metric, video_source_array))
 
 
 @lru_cache(maxsize=1)

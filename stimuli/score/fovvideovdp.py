@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 
 from stimuli.score.measured import PairScores
-from stimuli.score.metrics import HOLES
 from stimuli.score.pair import ScoredPair
-from stimuli.score.torch_parts import VideoSource, one_thread, predictor_settings, quiet_libraries
+from stimuli.score.torch_parts import one_thread, predicted, predictor_settings, quiet_libraries
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
 CURRENT = "fvvdp_parameters.json"
@@ -39,12 +38,8 @@ def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> P
             metric = open_fvvdp(viewing, parameters, foveated=bool(gaze.points_px))
             from pyfvvdp.video_source import fvvdp_video_source_array
 
-            for region in pair.regions:
-                source = VideoSource(pair, region, metric, fvvdp_video_source_array)
-                jod, _ = metric.predict_video_source(source, fixation_point=_points(gaze))
-                values[name, region] = float(jod)
-        if pair.holeless:
-            values |= {(name, HOLES): None for name in NAMES}
+            at = _points(gaze)
+            values |= predicted(pair, name, metric, fvvdp_video_source_array, fixation_point=at)
     return PairScores(values)
 
 

@@ -156,6 +156,11 @@ class ScoreResults:
         """Return one number, None where there is none."""
         return self.values.get((subject.name, metric.name, region))
 
+    def values_of(self, method: str, metric: Metric, region: str) -> list[float | None]:
+        """Return a number of each clip of a method."""
+        items = (item for item in self.subjects.items if item.method == method)
+        return [self.value(item, metric, region) for item in items]
+
 
 @dataclass(frozen=True)
 class _Job:
@@ -260,16 +265,11 @@ def _measurable(
 def _measure_all(
     jobs: Sequence[_Job], settings: ScoreSettings, cache: Cache, workers: int, say: Report
 ) -> dict[str, PairScores]:
-    found: dict[str, PairScores] = {}
-    open_jobs: dict[str, _Job] = {}
-    for job in jobs:
-        known = cache.read(job.key)
-        if known is None:
-            open_jobs[job.key] = job
-        else:
-            found[job.key] = known
+    by_key = {job.key: job for job in jobs}
+    known = {key: cache.read(key) for key in by_key}
+    found = {key: measured for key, measured in known.items() if measured is not None}
     groups: dict[str, list[_Job]] = {}
-    for job in open_jobs.values():
+    for job in (job for key, job in by_key.items() if key not in found):
         name = "together" if job.family.name in TOGETHER else job.family.name
         groups.setdefault(name, []).append(job)
     keys = {job.key for job in jobs}
@@ -329,22 +329,11 @@ def _collected(
     found: dict[str, PairScores],
 ) -> ScoreResults:
     names = {metric.name for metric in metrics}
-    values: dict[tuple[str, str, str], float | None] = {}
-    per_frame: dict[tuple[str, str, str], list[float | None]] = {}
+    made = [(job, found[job.key]) for job in jobs]
     maps: dict[str, dict[str, NDArray[np.float32]]] = {}
-    curves: dict[str, dict[str, RatioCurve]] = {}
-    for job in jobs:
-        measured, clip = found[job.key], job.subject.name
-        for (metric, region), value in measured.values.items():
-            if metric in names:
-                values[clip, metric, region] = value
-        for (metric, region), numbers in measured.per_frame.items():
-            if metric in names:
-                per_frame[clip, metric, region] = numbers
-        if measured.curves:
-            curves[clip] = dict(measured.curves)
+    for job, measured in made:
         if measured.error_map is not None:
-            maps.setdefault(job.family.name, {})[clip] = measured.error_map
+            maps.setdefault(job.family.name, {})[job.subject.name] = measured.error_map
     kind = "flip" if "flip" in maps else "pixels"
     return ScoreResults(
         subjects=subjects,
@@ -352,9 +341,21 @@ def _collected(
         metrics=metrics,
         missing=missing,
         notes=notes,
-        values=values,
-        per_frame=per_frame,
+        values={
+            (job.subject.name, name, region): value
+            for job, measured in made
+            for (name, region), value in measured.values.items()
+            if name in names
+        },
+        per_frame={
+            (job.subject.name, name, region): numbers
+            for job, measured in made
+            for (name, region), numbers in measured.per_frame.items()
+            if name in names
+        },
         maps=maps.get(kind, {}),
         map_metric="FLIP" if kind == "flip" else "root-mean-square error",
-        curves=curves,
+        curves={
+            job.subject.name: dict(measured.curves) for job, measured in made if measured.curves
+        },
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.pictures.colour_file import load_colour
 from pipeline.pictures.header import check_fits
-from stimuli.media.png import decode_png
+from stimuli.media.png import decode_in_unit
 from stimuli.score.metrics import HOLES
 
 Image = NDArray[np.float32]
@@ -109,9 +109,9 @@ def read_colour(path: Path) -> Image:
     """
     check_fits(path, "score")
     if path.suffix.lower() == ".png" and path.is_file():
-        stored = decode_png(path)
-        if stored.ndim == 3 and stored.shape[2] == 3:
-            return (stored / np.float32(np.iinfo(stored.dtype).max)).astype(np.float32)
+        colour = decode_in_unit(path)
+        if colour.ndim == 3 and colour.shape[2] == 3:
+            return colour
     return load_colour(path)
 
 

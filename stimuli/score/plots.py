@@ -75,13 +75,8 @@ def trade_off(
     """Draw the mean quality of each method against its time; None if nothing can be drawn."""
     points = []
     for index, method in enumerate(method_order(results)):
-        values = [
-            value
-            for item in results.subjects.items
-            if item.method == method
-            and (value := results.value(item, metric, region)) is not None
-            and math.isfinite(value)
-        ]
+        every = results.values_of(method, metric, region)
+        values = [value for value in every if value is not None and math.isfinite(value)]
         if values and method in times_ms:
             points.append((index, method, times_ms[method], float(np.mean(values))))
     if len(points) < 2:
@@ -163,10 +158,7 @@ def middle_frames(results: ScoreResults) -> list[tuple[str, list[tuple[str, str]
     if not gaze.points_px:
         return []
     rows = []
-    for scene, size in dict.fromkeys((item.scene, item.size) for item in results.subjects.items):
-        members = [
-            item for item in results.subjects.items if (item.scene, item.size) == (scene, size)
-        ]
+    for (scene, size), members in results.subjects.alike().items():
         pair = members[0].pair
         middle = pair.frames // 2
         at = gaze.at(middle, pair.width_px, pair.height_px)
@@ -207,10 +199,7 @@ def error_maps(results: ScoreResults) -> tuple[float, list[tuple[str, str, list[
     peaks = [float(np.quantile(one[one > 0], 0.99)) for one in maps.values() if (one > 0).any()]
     top = max(peaks, default=1.0)
     rows = []
-    for scene, size in dict.fromkeys((item.scene, item.size) for item in results.subjects.items):
-        members = [
-            item for item in results.subjects.items if (item.scene, item.size) == (scene, size)
-        ]
+    for (scene, size), members in results.subjects.alike().items():
         pair = members[0].pair
         truth = pair.truth_frame(pair.frames // 2)
         pictures = [
@@ -277,13 +266,8 @@ def _saved(
 
 def pictured(table: ScoreTable) -> bool:
     """True if a table is worth a figure: those over the whole frame say less about the fill."""
-    finite = [
-        value
-        for _, values in table.rows
-        for value in values
-        if value is not None and math.isfinite(value)
-    ]
-    return bool(finite) and (table.region != FRAME or len(table.rows) == 1)
+    numbers = (value for _, values in table.rows for value in values if value is not None)
+    return any(map(math.isfinite, numbers)) and (table.region != FRAME or len(table.rows) == 1)
 
 
 @contextmanager

@@ -236,13 +236,7 @@ def _rows(table: ScoreTable) -> Rows:
     """Return the table of a page; the best of a row, as it is printed, bears a star."""
     rows = []
     for scene, values in table.rows:
-        best = table.best(values)
-        cells = [
-            Markup('<b class="best">{}</b>').format(table.text(value))
-            if value is not None and table.printed_badness(value) == best
-            else table.text(value)
-            for value in values
-        ]
+        cells = table.cells(values, Markup('<b class="best">{}</b>').format)
         rows.append([table.shown(scene), *cells])
     totals = len(rows) > 1 and table.rows[-1][0] == "mean"
     heads = [("scene", "l"), *((head, "") for head in table.heads)]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from protocols.errors import StudyError, did_you_mean
@@ -64,19 +63,19 @@ class ScoreTable:
         size = f"; size {self.shown(self.size)}" if self.size else ""
         return f"{paper}: {text}{size}" if paper else text + size
 
-    @property
-    def numbers(self) -> list[float]:
-        """Every finite value."""
-        return [v for _, values in self.rows for v in values if v is not None and math.isfinite(v)]
-
     def text(self, value: float | None) -> str:
         """Print one value with the metric's digits."""
         return "-" if value is None else f"{value:.{self.metric.digits}f}"
 
-    def best(self, values: tuple[float | None, ...]) -> float | None:
-        """Return the badness of a row's best value, as it is printed."""
-        there = [self.printed_badness(value) for value in values if value is not None]
-        return min(there) if len(there) > 1 else None
+    def cells(self, values: tuple[float | None, ...], strong: Callable[[str], str]) -> list[str]:
+        """Return a row's values as text, the best of them made `strong`, if there are several."""
+        badness = [None if one is None else self.printed_badness(one) for one in values]
+        there = [one for one in badness if one is not None]
+        best = min(there) if len(there) > 1 else None
+        return [
+            self.text(value) if own is None or own != best else strong(self.text(value))
+            for value, own in zip(values, badness, strict=True)
+        ]
 
     def printed_badness(self, value: float) -> float:
         """Rank by what is printed: equal digits are equally good."""
@@ -89,13 +88,7 @@ class ScoreTable:
             "| --- |" + " ---: |" * len(self.methods),
         ]
         for scene, values in self.rows:
-            best = self.best(values)
-            cells = [
-                f"**{self.text(value)}**"
-                if value is not None and self.printed_badness(value) == best
-                else self.text(value)
-                for value in values
-            ]
+            cells = self.cells(values, "**{}**".format)
             lines.append(f"| {markdown(self.shown(scene))} | " + " | ".join(cells) + " |")
         return "\n".join(lines)
 
@@ -115,13 +108,7 @@ def _latex(table: ScoreTable) -> str:
         r"\midrule",
     ]
     for scene, values in table.rows:
-        best = table.best(values)
-        cells = [
-            rf"\textbf{{{table.text(value)}}}"
-            if value is not None and table.printed_badness(value) == best
-            else table.text(value)
-            for value in values
-        ]
+        cells = table.cells(values, r"\textbf{{{}}}".format)
         lines += [r"\midrule"] if scene == "mean" and len(table.rows) > 1 else []
         lines.append(" & ".join([_escaped(table.shown(scene)), *cells]) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}"]) + "\n"
@@ -145,15 +132,8 @@ def tables_csv(tables: tuple[ScoreTable, ...]) -> str:
         for scene, values in table.rows:
             by_method = dict(zip(table.methods, values, strict=True))
             cells = ("" if by_method.get(m) is None else table.text(by_method[m]) for m in methods)
-            head = (
-                metric.name,
-                metric.unit,
-                metric.better,
-                table.region,
-                table.size,
-                safe_cell(scene),
-            )
-            writer.writerow((*head, *cells))
+            what = (metric.name, metric.unit, metric.better, table.region, table.size)
+            writer.writerow((*what, safe_cell(scene), *cells))
     return buffer.getvalue()
 
 
@@ -188,13 +168,10 @@ def _table(
               if item.size == size}  # fmt: skip
     rows: list[tuple[str, tuple[float | None, ...]]] = []
     for scene in dict.fromkeys(scene for scene, _ in places):
-        row = [
-            results.value(places[scene, method], metric, region)
-            if (scene, method) in places
-            else None
-            for method in methods
-        ]
-        rows.append((scene, tuple(row)))
+        found = (places.get((scene, method)) for method in methods)
+        rows.append((scene, tuple(
+            None if item is None else results.value(item, metric, region) for item in found
+        )))  # fmt: skip
     if len(rows) > 1:
         rows.append(("mean", tuple(_mean([values[k] for _, values in rows])
                                    for k in range(len(methods)))))  # fmt: skip
@@ -258,12 +235,12 @@ def duels(
         if method not in table.methods or against not in table.methods:
             continue
         ours, theirs = table.methods.index(method), table.methods.index(against)
-        both = [
-            (scene, values[ours], values[theirs])
+        pairs = [
+            (scene, a, b)
             for scene, values in table.rows
             if scene != "mean" or len(table.rows) == 1
+            if (a := values[ours]) is not None and (b := values[theirs]) is not None
         ]
-        pairs = [(scene, a, b) for scene, a, b in both if a is not None and b is not None]
         if not pairs:
             continue
         behind = {
@@ -325,12 +302,7 @@ def summary(
     for method in method_order(results):
         cells = []
         for metric in metrics:
-            values = [
-                results.value(item, metric, region)
-                for item in results.subjects.items
-                if item.method == method
-            ]
-            mean = _mean(values)
+            mean = _mean(results.values_of(method, metric, region))
             cells.append("-" if mean is None else f"{mean:.{metric.digits}f}")
         rows.append((results.subjects.shown(method), cells))
     return tuple(metric.name for metric in metrics), rows

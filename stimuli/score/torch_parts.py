@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from stimuli.score.metrics import HOLES
 from stimuli.score.pair import Image, ScoredPair
 from stimuli.score.viewing_conditions import STANDARD_FHD, ViewingConditions
 
@@ -45,6 +46,22 @@ class VideoSource:
             colour, colour, 0, dim_order="HWC", display_photometry=self.metric.display_photometry
         )
         return one.get_test_frame(0, **wanted)
+
+
+def predicted(
+    pair: ScoredPair, name: str, metric: Any, light: Callable[..., Any], **asked: Any
+) -> dict[tuple[str, str], float | None]:
+    """Return a predictor's number of each region of a pair; None where no frame has a hole."""
+    found: dict[tuple[str, str], float | None] = {}
+    for region in pair.regions:
+        source = VideoSource(pair, region, metric, light)
+        jod = (
+            None
+            if region == HOLES and pair.holeless
+            else metric.predict_video_source(source, **asked)
+        )
+        found[name, region] = None if jod is None else float(jod[0])
+    return found
 
 
 def predictor_settings(

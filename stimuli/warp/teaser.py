@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,7 +24,7 @@ from pipeline.pictures.drawing import Crop, Picture, auto_crops, mean_difference
 from protocols.errors import must_be_one_of
 from protocols.manifest import Clip, Manifest
 from protocols.recipes.base import SCENE
-from stimuli.media.png import decode_png
+from stimuli.media.png import decode_in_8_bits
 from stimuli.score.plots import COLOURS, figure_style
 
 METHOD: Final = "method"
@@ -113,7 +112,12 @@ def of_clips(folder: Path, manifest: Manifest) -> list[Compared]:
         groups.setdefault(tuple(shared.items()), []).append(clip)
     return [
         Compared(
-            {str(clip.condition[METHOD]): partial(_read_clip, folder, clip) for clip in clips},
+            {
+                str(clip.condition[METHOD]): lambda index, clip=clip: _read(
+                    folder / clip.frame_path(index)
+                )
+                for clip in clips
+            },
             len(clips[0].frames_sha256),
             dict(shared),
         )
@@ -450,12 +454,5 @@ def _fitting(
         made.set_text(text)
 
 
-def _read_clip(folder: Path, clip: Clip, index: int) -> Picture:
-    return _read(folder / clip.frame_path(index))
-
-
 def _read(path: Path) -> Picture:
-    frame = decode_png(path)
-    if frame.dtype == np.uint16:
-        frame = frame >> 8
-    return np.ascontiguousarray(frame[..., :3], np.uint8)
+    return np.ascontiguousarray(decode_in_8_bits(path)[..., :3])

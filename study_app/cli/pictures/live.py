@@ -216,9 +216,9 @@ def _run(show: _Show) -> None:
 
 def _geometry(size: tuple[int, int], show: _Show) -> FlatGeometry:
     from pipeline.foveation.geometry import FlatGeometry
-    from stimuli.media.gaze_and_display import look_at
+    from stimuli.media.gaze_and_display import StatedViewing
 
-    looking = look_at(size, display=show.asked.display, fov_deg=show.asked.fov)
+    looking = StatedViewing(display=show.asked.display, fov_deg=show.asked.fov).of(size)
     say(looking.words)
     say_notes(looking.notes)
     assert isinstance(looking.geometry, FlatGeometry)

@@ -194,7 +194,7 @@ def _look(
 ) -> tuple[list[Choice], Eye | None]:
     """Tell the methods that fill by eccentricity where somebody looks, and the true view."""
     from pipeline.foveation.geometry import FlatGeometry
-    from stimuli.media.gaze_and_display import gaze_words, look_at, read_gaze, width_deg
+    from stimuli.media.gaze_and_display import StatedViewing, gaze_words, read_gaze, width_deg
     from stimuli.warp.upsampled import Eye
 
     by_gaze = any(choice.parameters.get("fovea_deg") for choice in choices)
@@ -211,7 +211,7 @@ def _look(
             "--true-within needs the true view: give --truth, or --right with a stereo pair"
         )
     height, width = loaded.frame.source.colour.shape[:2]
-    looking = look_at((height, width), display=eye.display, fov_deg=eye.fov)
+    looking = StatedViewing(display=eye.display, fov_deg=eye.fov).of((height, width))
     geometry = looking.geometry
     assert isinstance(geometry, FlatGeometry)
     say(looking.words)
