@@ -116,11 +116,6 @@ class Display(Model):
         width, height = (2 * math.degrees(math.atan(mm / self.distance_mm)) for mm in half_mm)
         return width, height
 
-    def angle_of_width_deg(self, width_px: int) -> float:
-        """Return the visual angle of a centred length of `width_px`."""
-        half_mm = width_px * self.pitch_x_mm / 2
-        return 2 * math.degrees(math.atan(half_mm / self.distance_mm))
-
 
 @dataclass(frozen=True)
 class Viewing:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
-from itertools import combinations
+from itertools import combinations, islice
 
 from protocols.disk.hashing import sha256_json
 from protocols.display import COMMON_RATES_HZ, FRAME_TOLERANCE, Display
@@ -44,16 +44,16 @@ def check_feasible(
             ),
             *timing_problems(study, nominal),
         ]
-    size = _size(study, display)
+    size = list(_size(study, display))
     problems += size
     if not size:
         problems += _memory(study, display)
     if not problems:
-        problems += _places(study, display)
+        problems += islice(_places(study, display), 1)
     if problems == size:  # also where stimuli are too large: what a smaller screen would show
         problems += study.stimuli.unseen(display)
     if manifest is not None:
-        problems += _built_size(study, display, manifest)
+        problems += islice(_built_size(study, display, manifest), 1)
     return problems
 
 
@@ -130,7 +130,7 @@ def virtual_manifest(study: StudyProtocol, display: Display) -> Manifest:
 
 def timing_problems(study: StudyProtocol, display: Display) -> list[Problem]:
     """Return times that are not whole refreshes, also those of a clip's frames."""
-    return _times(study, display) + _rate(study, display)
+    return [*_times(study, display), *_rate(study, display)]
 
 
 def stated_times_s(study: StudyProtocol) -> dict[str, float]:
@@ -149,20 +149,16 @@ def stated_times_s(study: StudyProtocol) -> dict[str, float]:
     return times
 
 
-def _times(study: StudyProtocol, display: Display) -> list[Problem]:
-    problems = []
+def _times(study: StudyProtocol, display: Display) -> Iterator[Problem]:
     for place, duration_s in stated_times_s(study).items():
         if display.frames(duration_s) in (None, 0):
             near = " or ".join(f"{near} s" for near in display.nearest_durations(duration_s))
             also = _other_displays({rate: duration_s * rate for rate in COMMON_RATES_HZ})
-            problems.append(
-                Problem(
-                    place,
-                    f"must be whole refreshes at {display.refresh_hz:g} Hz (got {duration_s:g} s ="
-                    f" {duration_s * display.refresh_hz:g} refreshes); nearest: {near}{also}",
-                )
+            yield Problem(
+                place,
+                f"must be whole refreshes at {display.refresh_hz:g} Hz (got {duration_s:g} s ="
+                f" {duration_s * display.refresh_hz:g} refreshes); nearest: {near}{also}",
             )
-    return problems
 
 
 def _other_displays(frames: Mapping[float, float]) -> str:
@@ -175,9 +171,9 @@ def _other_displays(frames: Mapping[float, float]) -> str:
     return f", or a display with {' or '.join(rates)} Hz" if rates else ""
 
 
-def _rate(study: StudyProtocol, display: Display) -> list[Problem]:
+def _rate(study: StudyProtocol, display: Display) -> Iterator[Problem]:
     if study.stimuli.clip_s is None:
-        return []
+        return
     fps = study.stimuli.frame_hz
     exact = display.refresh_hz / fps
 
@@ -185,37 +181,32 @@ def _rate(study: StudyProtocol, display: Display) -> list[Problem]:
         return abs(display.refresh_hz / rate - n) <= FRAME_TOLERANCE
 
     if whole(fps):
-        return []
+        return
     counts = {max(1, math.floor(exact)), max(1, math.ceil(exact))}
     rates = {n: shortest(display.refresh_hz / n, partial(whole, n=n)) for n in sorted(counts)}
     near = " or ".join(f"{rate} fps" for rate in rates.values())
     also = _other_displays({rate: rate / fps for rate in COMMON_RATES_HZ if rate >= fps})
-    return [
-        Problem(
-            f"{study.stimuli.section}.fps",
-            f"every clip frame must last whole refreshes at {display.refresh_hz:g} Hz"
-            f" (got {fps:g} fps = {exact:g} refreshes); nearest: {near}{also}",
-        )
-    ]
+    yield Problem(
+        f"{study.stimuli.section}.fps",
+        f"every clip frame must last whole refreshes at {display.refresh_hz:g} Hz"
+        f" (got {fps:g} fps = {exact:g} refreshes); nearest: {near}{also}",
+    )
 
 
-def _size(study: StudyProtocol, display: Display) -> list[Problem]:
+def _size(study: StudyProtocol, display: Display) -> Iterator[Problem]:
     width, height = clip_size_px(study, display)
-    problems = []
     section, unit = study.stimuli.section, study.stimuli.size_unit
-    for place, wanted, got, pitch_mm in (
-        (f"{section}.width_{unit}", display.width_px, width, display.pitch_x_mm),
-        (f"{section}.height_{unit}", display.height_px, height, display.pitch_y_mm),
+    across_deg, down_deg = display.angles_deg(display.width_px, display.height_px)
+    for place, wanted, got, most in (
+        (f"{section}.width_{unit}", display.width_px, width, across_deg),
+        (f"{section}.height_{unit}", display.height_px, height, down_deg),
     ):
         if got > wanted:
-            most = 2 * math.degrees(math.atan(wanted * pitch_mm / 2 / display.distance_mm))
             near = f"{math.floor(most * 100) / 100:g} deg" if unit == "deg" else f"{wanted} px"
-            problems.append(
-                Problem(
-                    place,
-                    f"stimuli must fit the screen pixel by pixel (got {got} px of {wanted} px at"
-                    f" {display.distance_mm:g} mm); nearest: {near}",
-                )
+            yield Problem(
+                place,
+                f"stimuli must fit the screen pixel by pixel (got {got} px of {wanted} px at"
+                f" {display.distance_mm:g} mm); nearest: {near}",
             )
     timing = study.trial
     for place, angle, extent_mm in (
@@ -224,17 +215,14 @@ def _size(study: StudyProtocol, display: Display) -> list[Problem]:
     ):
         most = math.degrees(math.atan(extent_mm / 2 / display.distance_mm)) - timing.dot_deg / 2
         if abs(angle) > most:
-            problems.append(
-                Problem(
-                    place,
-                    f"the dot must be on the screen (got {angle:g} deg); nearest:"
-                    f" {math.copysign(math.floor(most * 100) / 100, angle):g} deg",
-                )
+            yield Problem(
+                place,
+                f"the dot must be on the screen (got {angle:g} deg); nearest:"
+                f" {math.copysign(math.floor(most * 100) / 100, angle):g} deg",
             )
-    return problems
 
 
-def _places(study: StudyProtocol, display: Display) -> list[Problem]:
+def _places(study: StudyProtocol, display: Display) -> Iterator[Problem]:
     """Return a problem where a trial cannot be run, or what it shows overlaps or leaves the screen.
 
     Pictures of words are as large as the screen, and the fixation target has its own check.
@@ -245,16 +233,15 @@ def _places(study: StudyProtocol, display: Display) -> list[Problem]:
             example_scripts(study, display, language)[0] for language in study.text.languages
         ]
     except StudyError as error:
-        return [Problem("task", str(error).removeprefix("task: "))]
+        yield Problem("task", str(error).removeprefix("task: "))
+        return
     (across, down), (width, height) = script.size_px, script.stimulus_px
     for phase, frames in zip(script.phases, script.frames, strict=True):
         if width % 2 and any(entry.crop for entry in frames):
-            return [
-                Problem(
-                    "stimuli.width_px",
-                    f"must be even: halves of the stimuli are shown (got {width} px)",
-                )
-            ]
+            yield Problem(
+                "stimuli.width_px",
+                f"must be even: halves of the stimuli are shown (got {width} px)",
+            )
         rects = [(*entry.at, *(entry.crop or (0, 0, width, height))[2:]) for entry in frames]
         pictures = [
             (*entry.at, *entry.size_px)
@@ -264,42 +251,38 @@ def _places(study: StudyProtocol, display: Display) -> list[Problem]:
         for x, y, wide, high in (*rects, *pictures):
             left, top = x + across // 2, y + down // 2
             if left < -1 or top < -1 or left + wide > across + 1 or top + high > down + 1:
-                return [
-                    Problem(
-                        "task",
-                        f"phase {phase.name!r}: every stimulus must be whole on the screen (got one"
-                        f" of {wide}x{high} px around pixel {left + wide / 2:.0f},"
-                        f" {top + high / 2:.0f} of {across}x{down}); make stimuli smaller, or put"
-                        " them nearer to the middle",
-                    )
-                ]
+                yield Problem(
+                    "task",
+                    f"phase {phase.name!r}: every stimulus must be whole on the screen (got one"
+                    f" of {wide}x{high} px around pixel {left + wide / 2:.0f},"
+                    f" {top + high / 2:.0f} of {across}x{down}); make stimuli smaller, or put"
+                    " them nearer to the middle",
+                )
         for (x, y, wide, high), (left, top, other_wide, other_high) in combinations(rects, 2):
             apart_x = x + wide <= left or left + other_wide <= x
             apart_y = y + high <= top or top + other_high <= y
             if not (apart_x or apart_y):
-                return [
-                    Problem(
-                        "task",
-                        f"phase {phase.name!r}: stimuli must not overlap (got"
-                        f" {abs(x + wide / 2 - left - other_wide / 2):.0f} px between the middles"
-                        f" of stimuli {wide} px wide); put them farther apart, or make them"
-                        " smaller",
-                    )
-                ]
+                yield Problem(
+                    "task",
+                    f"phase {phase.name!r}: stimuli must not overlap (got"
+                    f" {abs(x + wide / 2 - left - other_wide / 2):.0f} px between the middles"
+                    f" of stimuli {wide} px wide); put them farther apart, or make them"
+                    " smaller",
+                )
     return []
 
 
-def _memory(study: StudyProtocol, display: Display) -> list[Problem]:
+def _memory(study: StudyProtocol, display: Display) -> Iterator[Problem]:
     clip = clip_memory_bytes(study, display)
     budget = display.clip_memory_mib * MIB
     count = TRIALS_IN_MEMORY * study.task.stimuli_per_trial
     if count * clip <= budget:
-        return []
+        return
     recipe = study.stimuli
     shrink = math.sqrt(budget / (count * clip))
     width = 2 * math.floor(clip_size_px(study, display)[0] * shrink / 2)
     smaller = (
-        f"width_deg = {math.floor(display.angle_of_width_deg(width) * 100) / 100:g}"
+        f"width_deg = {math.floor(display.angles_deg(width, 1)[0] * 100) / 100:g}"
         if recipe.size_unit == "deg"
         else f"width_px = {width}"
     )
@@ -307,38 +290,32 @@ def _memory(study: StudyProtocol, display: Display) -> list[Problem]:
     shorter = (
         f"duration_s = {fewer / recipe.frame_hz:.4g} ({fewer} frames), or " if fewer > 1 else ""
     )
-    return [
-        Problem(
-            recipe.section,
-            f"the stimuli of two trials must fit {display.clip_memory_mib} MiB of graphics memory"
-            f" (got {count * clip / MIB:.0f} MiB: {count} stimuli x {recipe.frames} frames);"
-            f" nearest: {shorter}{smaller} with the same shape",
-        )
-    ]
+    yield Problem(
+        recipe.section,
+        f"the stimuli of two trials must fit {display.clip_memory_mib} MiB of graphics memory"
+        f" (got {count * clip / MIB:.0f} MiB: {count} stimuli x {recipe.frames} frames);"
+        f" nearest: {shorter}{smaller} with the same shape",
+    )
 
 
-def _built_size(study: StudyProtocol, display: Display, manifest: Manifest) -> list[Problem]:
+def _built_size(study: StudyProtocol, display: Display, manifest: Manifest) -> Iterator[Problem]:
     width, height = clip_size_px(study, display)
     for clip in manifest.clips:
         if (clip.width_px, clip.height_px) != (width, height):
-            return [
-                Problem(
-                    f"clip {clip.name}",
-                    f"clips are shown pixel by pixel and never rescaled: must be {width}x{height}"
-                    f" px on this display (got {clip.width_px}x{clip.height_px} px, built for"
-                    f" {manifest.display!r}); build the clips for {display.name!r}, or set"
-                    + (
-                        f" width_deg = {display.angle_of_width_deg(clip.width_px):.4g}"
-                        if study.stimuli.size_unit == "deg"
-                        else f" width_px = {clip.width_px}"
-                    ),
-                )
-            ]
+            yield Problem(
+                f"clip {clip.name}",
+                f"clips are shown pixel by pixel and never rescaled: must be {width}x{height}"
+                f" px on this display (got {clip.width_px}x{clip.height_px} px, built for"
+                f" {manifest.display!r}); build the clips for {display.name!r}, or set"
+                + (
+                    f" width_deg = {display.angles_deg(clip.width_px, 1)[0]:.4g}"
+                    if study.stimuli.size_unit == "deg"
+                    else f" width_px = {clip.width_px}"
+                ),
+            )
         if clip.fps != study.stimuli.frame_hz:
-            return [
-                Problem(
-                    f"clip {clip.name}",
-                    f"must be {study.stimuli.frame_hz:g} fps (got {clip.fps:g} fps); build again",
-                )
-            ]
+            yield Problem(
+                f"clip {clip.name}",
+                f"must be {study.stimuli.frame_hz:g} fps (got {clip.fps:g} fps); build again",
+            )
     return []

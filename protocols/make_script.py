@@ -58,24 +58,6 @@ _BOUNDS = {
 """Bounds of the numbers of drawables: at least the first, below the second."""
 
 
-def trial_script(
-    study: StudyProtocol,
-    display: Display,
-    manifest: Manifest,
-    trial: PlannedTrial,
-    language: str,
-) -> TrialScript:
-    """Return the script of a trial; of an adaptive one, after its stimuli were chosen.
-
-    Raises
-    ------
-    StudyError
-        If a time is not whole refreshes, or the task's phases cannot be run or drawn, naming the
-        phase: `protocols.feasibility` says it before a session.
-    """
-    return Scripts(study, display, language, manifest).of(trial)
-
-
 def example_scripts(
     study: StudyProtocol,
     display: Display,
@@ -86,7 +68,7 @@ def example_scripts(
     Raises
     ------
     StudyError
-        As `trial_script` does.
+        As `Scripts.of` does.
     """
     spoken = study.text.default_language if language is None else language
     scripts = Scripts(study, display, spoken)
@@ -199,7 +181,14 @@ class Scripts:
         self.made: dict[tuple[tuple[str, ...], bool], TrialScript] = {}
 
     def of(self, trial: PlannedTrial) -> TrialScript:
-        """Return the script of a trial; raises as `trial_script`."""
+        """Return the script of a trial; of an adaptive one, after its stimuli were chosen.
+
+        Raises
+        ------
+        StudyError
+            If a time is not whole refreshes, or the task's phases cannot be run or drawn, naming
+            the phase: `protocols.feasibility` says it before a session.
+        """
         kind = trial.answers, trial.role == "practice"
         if kind not in self.made:
             self.made[kind] = self.script(*kind)
@@ -333,21 +322,20 @@ class Scripts:
                 shown.append(self.words(phase, asks))
             elif not isinstance(entry, phases.Fixation) or self.dot_shows(shown):
                 shown.append(self.entry(entry, phase))
-        question = None
-        if asks is not None:
-            question = ScriptQuestion(
-                name=asks.name,
-                answers=asks.answers,
-                keys=asks.keys,
-                pointer=self.study.response.pointer,
-            )
         return ScriptPhase(
             name=phase.name,
             frames=phase.frames,
             show=tuple(shown),
             gate_frames=phase.gate_frames,
             watched=phase.watched,
-            question=question,
+            question=ScriptQuestion(
+                name=asks.name,
+                answers=asks.answers,
+                keys=asks.keys,
+                pointer=self.study.response.pointer,
+            )
+            if asks is not None
+            else None,
             timeout_frames=timeout_frames,
         )
 

@@ -16,8 +16,6 @@ from pydantic import BaseModel
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
-_PIECE = 1 << 18
-
 
 def canonical_json(value: BaseModel | Json) -> bytes:
     """Return the one byte string that stands for `value`.
@@ -49,11 +47,8 @@ def sha256_json(value: BaseModel | Json) -> str:
 
 def sha256_file(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, read in pieces."""
-    digest = hashlib.sha256()
     with path.open("rb", buffering=0) as file:
-        while piece := file.read(_PIECE):
-            digest.update(piece)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 T = TypeVar("T")

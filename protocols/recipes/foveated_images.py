@@ -519,12 +519,8 @@ class FoveatedImages(ExtendedModel, Recipe):
         rings = self.rings
         if rings is None or any(gaze.x_deg or gaze.y_deg for gaze in self.gazes):
             return []  # off the middle: the builder tries each ring
-        angles = tuple(
-            2 * math.degrees(math.atan(pixels * pitch_mm / 2 / display.distance_mm))
-            for pixels, pitch_mm in (
-                (min(self.width_px, display.width_px), display.pitch_x_mm),
-                (min(self.height_px, display.height_px), display.pitch_y_mm),
-            )
+        angles = display.angles_deg(
+            min(self.width_px, display.width_px), min(self.height_px, display.height_px)
         )
         whole = Rings(**{**rings.model_dump(), "field_deg": angles})
         for one in self.stimuli():

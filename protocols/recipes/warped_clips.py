@@ -681,23 +681,13 @@ class WarpedClips(Recipe):
                 name = getattr(scene, key, None)
                 if not isinstance(name, str) or not Path(name).suffix:
                     continue
+                place = folder / name
+                lacks, needed, there = "the file is not there", "it", place.exists()
                 if "#" in name:
-                    place = folder / name
-                    if not any(place.parent.glob(re.sub("#+", "*", escape(place.name)))):
-                        found.append(
-                            Problem(
-                                f"stimuli.scenes[{index}].{key}",
-                                f"no file is called so (looked for {place});"
-                                " 'metamerlab stimuli build' needs them",
-                            )
-                        )
-                    continue
-                if not (folder / name).exists():
-                    found.append(
-                        Problem(
-                            f"stimuli.scenes[{index}].{key}",
-                            f"the file is not there (looked for {folder / name});"
-                            " 'metamerlab stimuli build' needs it",
-                        )
-                    )
+                    lacks, needed = "no file is called so", "them"
+                    there = any(place.parent.glob(re.sub("#+", "*", escape(place.name))))
+                if not there:
+                    cure = f"'metamerlab stimuli build' needs {needed}"
+                    said = f"{lacks} (looked for {place}); {cure}"
+                    found.append(Problem(f"stimuli.scenes[{index}].{key}", said))
         return found

@@ -56,7 +56,7 @@ def preregistration(
         _overview(study),
         _sample(study, why, power),
         _hashes(study, display, revision, manifest),
-        _stimuli(study, display),
+        Section.of("Stimuli", *study.stimuli.described(display, study.main_scenes())),
         _procedure(study, display),
         _texts(study),
         _analysis(study, limits),
@@ -198,10 +198,6 @@ def _hashes(
     )
 
 
-def _stimuli(study: StudyProtocol, display: Display) -> Section:
-    return Section.of("Stimuli", *study.stimuli.described(display, study.main_scenes()))
-
-
 def _question(study: StudyProtocol) -> str:
     texts = study.text.languages[study.text.default_language]
     answers = " / ".join(texts.answers[name] for name in study.task.answers())
@@ -298,45 +294,36 @@ def _browser(study: StudyProtocol, display: Display) -> list[str]:
     ]
 
 
-def _times(study: StudyProtocol) -> list[str]:
-    if study.analysis.reaction == "summary":
-        return []
-    return [
-        "Reaction times are a question of their own: a log-normal mixed model compares conditions"
-        f" (likelihood ratio, two-sided, alpha = {study.analysis.alpha:g}, Holm-adjusted over"
-        " its comparisons)."
-        " Times decide nothing about the tests above."
-    ]
-
-
 def _analysis(study: StudyProtocol, limits: Sequence[str] = ()) -> Section:
     analysis = study.analysis
     rules = analysis.exclusions
     slow = f" or slower than {rules.rt_max_s:g} s" if rules.rt_max_s else ""
     never: list[Block] = [
         "What this design can hardly or never show:",
-        [f"{limit}." for limit in limits],
-    ] * bool(limits)
+        [f"{one}." for one in limits],
+    ]
     return Section.of(
         "Analysis",
         [
             *analysis.plain_sentences(study.task, study.pool),
-            *_times(study),
+            *[
+                "Reaction times are a question of their own: a log-normal mixed model compares"
+                f" conditions (likelihood ratio, two-sided, alpha = {analysis.alpha:g},"
+                " Holm-adjusted over its comparisons). Times decide nothing about the tests above."
+            ]
+            * (analysis.reaction != "summary"),
         ],
-        *never,
+        *never * bool(limits),
         "Exclusions, fixed before the data:",
         [
             f"sessions with less than {100 * rules.completed_min_share:g} % of the decisions;",
             f"sessions with less than {100 * rules.catch_min_share:g} % of the catch trials"
             " right (where there are any);",
-            *(
-                [
-                    f"sessions with more than {100 * rules.same_side_max_share:g} % of the"
-                    " answers with one key;"
-                ]
-                if rules.same_side_max_share < 1
-                else []
-            ),
+            *[
+                f"sessions with more than {100 * rules.same_side_max_share:g} % of the answers with"
+                " one key;"
+            ]
+            * (rules.same_side_max_share < 1),
             f"answers faster than {rules.rt_min_s:g} s{slow}.",
         ],
     )

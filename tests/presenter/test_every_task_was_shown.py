@@ -261,7 +261,7 @@ import numpy as np
 from protocols.load import load_study
 from protocols.manifest import read_manifest
 from protocols.plan import chosen, make_plan
-from protocols.make_script import trial_script
+from protocols.make_script import Scripts
 from study_app.presenter import Presenter
 from study_app.session_setup import SessionSetup
 from study_app.stage import FlipPicture
@@ -272,7 +272,7 @@ study, display = load_study(folder / "study.toml")
 manifest = read_manifest(folder / "clips")
 plan = make_plan(study, manifest, "P0", 0)
 trial = chosen(study, plan, plan.trials[int(str(number))], [])
-script = trial_script(study, display, manifest, trial, "en")
+script = Scripts(study, display, "en", manifest).of(trial)
 
 def picture():
     data = buffer.read_bytes()

@@ -11,7 +11,7 @@ import pytest
 from protocols.against_plan import contradictions, plan_of
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study
-from protocols.make_script import trial_script
+from protocols.make_script import Scripts
 from protocols.plan import make_plan
 from protocols.script import ScriptQuestion
 from protocols.study_file.session_schema import POINTER
@@ -49,7 +49,7 @@ def test_the_journal_says_that_an_answer_was_pointed_at_and_only_where_it_may_be
     assert "pointer" not in before.model_dump()["response"]
     manifest = virtual_manifest(protocol, study.display)
     trial = make_plan(protocol, manifest, "P1", 0).trials[0]
-    script = trial_script(protocol, study.display, manifest, trial, "en")
+    script = Scripts(protocol, study.display, "en", manifest).of(trial)
     observer = ArtificialObserver(default_model(protocol), protocol.response, 0, "P1")
     stage = VirtualStage(VirtualClock(), 60.0, observer)
     stage.press(POINTER, 0.01, 0.9)

@@ -115,7 +115,7 @@ from study_app.desktop.strip import FlipMarks
 from study_app.presenter import Presenter
 from study_app.session_setup import SessionSetup
 from study_app.stage import FlipPicture
-from protocols.make_script import trial_script
+from protocols.make_script import Scripts
 from study_app.desktop.window import Window
 
 folder, buffer, out = map(Path, sys.argv[1:4])
@@ -129,7 +129,7 @@ def picture():
     start = int.from_bytes(data[:4], "big") + 12 * int.from_bytes(data[76:80], "big")
     return np.frombuffer(data, np.uint8, 640 * 480 * 4, start).reshape(480, 640, 4)[..., 2::-1]
 
-script = trial_script(protocol, display, manifest, plan.trials[0], "en")
+script = Scripts(protocol, display, "en", manifest).of(plan.trials[0])
 phase = {phase.name: phase for phase in script.phases}
 per_frame = round(60.0 / protocol.stimuli.frame_hz)
 shots = {}

@@ -16,7 +16,7 @@ from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.journal import Attempt
 from protocols.journal_file import read_journal
 from protocols.load import load_study
-from protocols.make_script import example_scripts, trial_script
+from protocols.make_script import Scripts, example_scripts
 from protocols.phases import (
     STUDY_QUESTION,
     Bar,
@@ -51,7 +51,7 @@ def script_of(simulation):
     study, display = simulation.study, simulation.display
     manifest = virtual_manifest(study, display)
     trial = make_plan(study, manifest, "P1", 0).trials[0]
-    return trial_script(study, display, manifest, trial, "en"), trial
+    return Scripts(study, display, "en", manifest).of(trial), trial
 
 
 def test_the_common_answer_phase_falls_away_where_the_task_asks_itself(thrice):
@@ -386,7 +386,7 @@ def test_what_a_task_draws_itself_is_a_picture_by_its_hash(monkeypatch):
     assert not check_feasible(study, display)
     manifest = virtual_manifest(study, display)
     trial = make_plan(study, manifest, "P1", 0).trials[0]
-    script = trial_script(study, display, manifest, trial, "en")
+    script = Scripts(study, display, "en", manifest).of(trial)
     (_, picture) = script.phases[1].show
     assert isinstance(picture, Picture)
     assert isinstance(picture.of, StoredPicture)

@@ -10,7 +10,7 @@ from protocols.feasibility import virtual_manifest
 from protocols.journal import BlockEnd
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
-from protocols.make_script import trial_script
+from protocols.make_script import Scripts
 from protocols.plan import make_plan
 from protocols.study_file.schema import StudyProtocol
 from study_app.attempt import run_attempt
@@ -181,7 +181,7 @@ def attempt_with_keys(*presses: tuple[str, float]):
     trial = PLAN.block(0)[0]
     for key, t_s in presses:
         stage.press(key, t_s)
-    script = trial_script(STUDY, FHD, virtual_manifest(STUDY, FHD), trial, "en")
+    script = Scripts(STUDY, FHD, "en", virtual_manifest(STUDY, FHD)).of(trial)
     result = run_attempt(script, stage, None, lambda *_: None)
     told = [one for _, one in stage.pictures if one.phase.name == "feedback"]
     said = {one.notice == one.phase.follows["right"] for one in told}

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from protocols.formats.format_reference import schema_path
 from protocols.load import load_study, shipped
-from protocols.make_script import example_scripts, trial_script
+from protocols.make_script import Scripts, example_scripts
 from protocols.phases import rgba_sha256
 from protocols.plan import Plan
 from protocols.script import TrialScript
@@ -45,7 +45,7 @@ def test_the_json_is_what_the_published_schemas_say_and_what_a_session_compiles(
     assert [one["trial"] for one in whole["scripts"]] == [trial.id for trial in plan.trials]
     manifest = SimulatedStudy(study, display).shown
     for trial, found in list(zip(plan.trials, whole["scripts"], strict=True))[::40]:
-        made = trial_script(study, display, manifest, trial, study.text.default_language)
+        made = Scripts(study, display, study.text.default_language, manifest).of(trial)
         assert TrialScript.model_validate_json(json.dumps(found)) == made
 
 

@@ -32,7 +32,7 @@ from protocols.journal import (
 )
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
-from protocols.make_script import trial_script
+from protocols.make_script import Scripts
 from protocols.phases import ITI
 from protocols.plan import make_plan
 from protocols.script import Frames
@@ -251,7 +251,7 @@ def test_a_void_trial_comes_back_at_a_seeded_place_beside_other_pairs(sample_ses
 
 
 def script_of(protocol, display, trial):
-    return trial_script(protocol, display, virtual_manifest(protocol, display), trial, "en")
+    return Scripts(protocol, display, "en", virtual_manifest(protocol, display)).of(trial)
 
 
 def attempt_with_keys(*presses):

@@ -20,7 +20,7 @@ from timelines import (
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_display, load_protocol
-from protocols.make_script import trial_script
+from protocols.make_script import Scripts
 from protocols.phases import ITI as BLANK
 from protocols.plan import make_plan
 from protocols.script import Dot, Frames, GazeMode, Picture, ScriptPhase, TrialScript
@@ -253,7 +253,7 @@ def timeline_of(study, display: str) -> TrialScript:
     manifest = virtual_manifest(study, load_display(study.display.display))
     trials = make_plan(study, manifest, "P1", 0).trials
     main = next(trial for trial in trials if trial.role == "main")
-    return trial_script(study, load_display(display), manifest, main, "en")
+    return Scripts(study, load_display(display), "en", manifest).of(main)
 
 
 def lengths(timeline: TrialScript) -> dict[str, int | None]:

@@ -65,4 +65,4 @@ def test_a_centred_clip_has_the_declared_angle_within_a_pixel():
     assert height % 2 == 0
     left = FHD.angle_deg((960 - width / 2, 540), (960 + width / 2, 540))
     assert left == pytest.approx(24.0, abs=1 / 39)
-    assert display.angle_of_width_deg(width) == pytest.approx(left, abs=1e-9)
+    assert display.angles_deg(width, 1)[0] == pytest.approx(left, abs=1e-9)
