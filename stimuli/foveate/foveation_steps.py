@@ -53,19 +53,17 @@ def write_foveation_steps(
             (f"{one.choice.file_name}-{name}", f"{one.choice.name}: {label}", picture)
             for name, label, picture in condition_steps(condition, colour, pools, seed)
         ]
+        name, label = one.choice.file_name, one.choice.label
         change = one.colour.astype(np.float64) - colour
-        largest = max(1 / 255, float(np.percentile(np.abs(change), 99.5)))
-        steps.append(
-            (
-                f"{one.choice.file_name}-change",
-                f"{one.choice.label}: what has changed (white +{largest:.2f})",
-                drawing.of_colour(0.5 + 0.5 * change / largest),
-            )
-        )
-        steps.append(
-            (f"{one.choice.file_name}-shown", f"{one.choice.label}", drawing.of_colour(one.colour))
-        )
+        steps.append(_changes(f"{name}-change", f"{label}: what has changed", change))
+        steps.append((f"{name}-shown", label, drawing.of_colour(one.colour)))
     return save_steps(folder, steps, (colour.shape[0], colour.shape[1]))
+
+
+def _changes(name: str, label: str, change: NDArray[np.floating]) -> DrawnStep:
+    """Draw what is added to a picture, on grey."""
+    largest = max(1 / 255, float(np.percentile(np.abs(change), 99.5)))
+    return name, f"{label} (white +{largest:.2f})", drawing.of_colour(0.5 + 0.5 * change / largest)
 
 
 def _pool_steps(colour: NDArray[np.float32], pools: Pools) -> Iterator[DrawnStep]:
@@ -131,12 +129,7 @@ def _metamer_steps(
             f" (brightest {largest:.3f})",
             drawing.of_colour(bands / largest if largest > 0 else bands),
         )
-    largest = max(1 / 255, float(np.percentile(np.abs(parts.noise), 99.5)))
-    yield (
-        "noise",
-        f"noise that is added (white +{largest:.2f})",
-        drawing.of_colour(0.5 + 0.5 * parts.noise / largest),
-    )
+    yield _changes("noise", "noise that is added", parts.noise)
 
 
 def _displaced_steps(
@@ -154,10 +147,4 @@ def _displaced_steps(
     yield "displaced", "looked up there", drawing.of_colour(moved)
     if isinstance(condition, WarpedMetamer):
         matched = displacement.matched(moved, colour, pools, settings.levels)
-        change = matched - moved
-        largest = max(1 / 255, float(np.percentile(np.abs(change), 99.5)))
-        yield (
-            "match",
-            f"what the match of moments changes (white +{largest:.2f})",
-            drawing.of_colour(0.5 + 0.5 * change / largest),
-        )
+        yield _changes("match", "what the match of moments changes", matched - moved)

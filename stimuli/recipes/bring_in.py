@@ -12,6 +12,7 @@ import shlex
 import shutil
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
@@ -118,9 +119,7 @@ def bring_scene(
     for line in load_world(path).notes:
         note(line)
     for file in files_of(path):
-        place = folder / os.path.relpath(file, path.parent)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, place)
+        _copy(file, folder / os.path.relpath(file, path.parent))
     lines = ('kind = "mesh"', f"file = {quoted(f'{SCENES}/{name}/{path.name}')}")
     if ctx is None:
         camera: tuple[str, ...] = (
@@ -171,8 +170,7 @@ def bring_pair(pair: PairFiles, study: Path, taken: Collection[str]) -> tuple[Ow
         for side in ("left", "right", "disparity"):
             file: Path = getattr(pair, side)
             place = study / SCENES / name / f"{side}{file.suffix.lower()}"
-            place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, place)
+            _copy(file, place)
             files[side] = place.relative_to(study).as_posix()
         if pair.focal_px is None or pair.baseline_m is None:
             notes.append(
@@ -215,7 +213,6 @@ def bring_photographs(
     found: list[OwnScene] = []
     notes: list[str] = []
     share, smallest = 1.0, ""
-    (study / PICTURES).mkdir()
     for path in photographs:
         height, width = read_any(path).colour.shape[:2]
         covered = min(width / screen_px[0], height / screen_px[1])
@@ -223,7 +220,7 @@ def bring_photographs(
             share, smallest = covered, f"{path.name}, {width} x {height} px"
         name = unused_name(path.stem, [each.name for each in found])
         file = f"{PICTURES}/{name}{path.suffix.lower()}"
-        shutil.copyfile(path, study / file)
+        _copy(path, study / file)
         found.append(OwnScene(name, None, (f"file = {quoted(file)}",)))
     size_px = max(1, int(share * screen_px[0])), max(1, int(share * screen_px[1]))
     if smallest:
@@ -285,10 +282,8 @@ def bring_frames(
         raise InputError(
             re.sub(r"name (it|both) in the protocol: .*", cure, f"--exr: {error}")
         ) from None
-    folder = study / SCENES / name
-    folder.mkdir(parents=True)
     for file in files:
-        shutil.copyfile(file, folder / file.name)
+        _copy(file, study / SCENES / name / file.name)
     lines = [
         'kind = "exr"',
         f"file = {quoted(f'{SCENES}/{name}/{Path(pattern).name}')}",
@@ -369,24 +364,17 @@ def _brought(
 
         folder = study / NETWORKS / method.name
         for file in network_files(path):
-            place = folder / os.path.relpath(file, path.parent)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, place)
+            _copy(file, folder / os.path.relpath(file, path.parent))
         return replace(method, method=f"onnx:{NETWORKS}/{method.name}/{path.name}")
-    fixed = Path(*_fixed_parts(path.parts)) if path.parts else path
+    fixed = Path(*takewhile(lambda part: "{" not in part, path.parts))  # before {scene} and such
     if not path.is_absolute() and fixed.exists():
         return replace(method, method=f"{kind}:{os.path.relpath(path, target)}")
     return method
 
 
-def _fixed_parts(parts: Sequence[str]) -> list[str]:
-    """Return the parts of a path before the first that holds ``{scene}`` and the like."""
-    fixed = []
-    for part in parts:
-        if "{" in part:
-            break
-        fixed.append(part)
-    return fixed
+def _copy(file: Path, place: Path) -> None:
+    place.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(file, place)
 
 
 def _label(name: str) -> str:

@@ -157,7 +157,7 @@ class FileBuilder(SingleStimulusBuilder[FileEntry]):
             fps=recipe.frame_hz,
             bit_depth=8,
             seed=0,
-            parameters={"file": entry.file, "preview": self._has_previews, **noted},
+            parameters={"file": entry.file, "preview": recipe.frames > 1, **noted},
             cache_key=key,
             frames_sha256=hashes,
         )

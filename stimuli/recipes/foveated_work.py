@@ -234,19 +234,15 @@ class StillMaker:
         return foveator(picture, gaze_px, seed=entry.seed, frame=self.order.number(entry))
 
     def _foveator(self, shown: ShownMethod) -> Foveator:
-        foveator = self._foveators.get(shown.name)
-        if foveator is None:
-            recipe = self.order.recipe
-            parameters: dict[str, Any] = dict(shown.parameters)
-            foveator = Foveator(
-                (recipe.height_px, recipe.width_px),
+        if shown.name not in self._foveators:
+            self._foveators[shown.name] = Foveator(
+                (self.order.recipe.height_px, self.order.recipe.width_px),
                 viewing=Flat(distance_px=self.order.distance_px),
                 method=self.order.condition(shown),
                 ctx=self._ctx,
-                **parameters,
+                **dict[str, Any](shown.parameters),
             )
-            self._foveators[shown.name] = foveator
-        return foveator
+        return self._foveators[shown.name]
 
 
 STILLS = GpuThread(StillMaker)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
@@ -17,7 +17,6 @@ from protocols.disk.locks import only_build
 from protocols.disk.whole_file import write_whole
 from protocols.errors import StudyError
 from protocols.manifest import Clip
-from protocols.recipes.base import Recipe
 from protocols.units import Scalar
 from stimuli.batch.batch_folder import BUILD_FOLDER, HOLES_FOLDER, remove_unfinished
 from stimuli.batch.clip_build import ClipBuild, Job
@@ -54,11 +53,6 @@ class SingleStimulusBuilder(Builder, Generic[E]):
     """Renderer of this process; bytes repeat on one only."""
 
     @property
-    def recipe_of_all(self) -> Recipe:
-        """The recipe."""
-        return self.protocol.stimuli
-
-    @property
     def wanted(self) -> tuple[E, ...]:
         """The stimuli that the study shows."""
         raise NotImplementedError
@@ -78,7 +72,8 @@ class SingleStimulusBuilder(Builder, Generic[E]):
         """Return its entry of the manifest."""
         raise NotImplementedError
 
-    def executor(self, where: BuildMachine) -> AbstractContextManager[tuple[Executor, int]]:
+    @contextmanager
+    def executor(self, where: BuildMachine) -> Iterator[tuple[Executor, int]]:
         """Executor of the work, and how many jobs it is given at once.
 
         Raises
@@ -91,7 +86,9 @@ class SingleStimulusBuilder(Builder, Generic[E]):
                 "--scheduler is for stimuli that are computed; those of this kind are taken in on"
                 " this machine: leave the option out"
             )
-        return _threads(where.workers or cores())
+        workers = where.workers or cores()
+        with ThreadPoolExecutor(workers) as pool:
+            yield pool, workers + 1
 
     def drawn_by(self, executor: Executor) -> RendererInfo:  # noqa: ARG002
         """Renderer of the workers."""
@@ -130,17 +127,13 @@ class SingleStimulusBuilder(Builder, Generic[E]):
     def summary(self, outcome: BuildOutcome[str]) -> tuple[Sequence[str], list[Sequence[str]]]:
         """Return the number of stimuli for each value of each column."""
         rows: list[Sequence[str]] = []
-        for column in self.recipe_of_all.columns():
+        for column in self.protocol.stimuli.columns():
             values = [clip.condition[column] for clip in outcome.manifest.clips]
-            counts = {value: values.count(value) for value in self.recipe_of_all.values(column)}
+            counts = {value: values.count(value) for value in self.protocol.stimuli.values(column)}
             said = [f"{value} ({count})" for value, count in counts.items() if count]
             more = f", ... ({len(said)} values)" if len(said) > _LISTED else ""
             rows.append((column, ", ".join(said[:_LISTED]) + more))
         return ("column", "values (stimuli)"), rows
-
-    @property
-    def _has_previews(self) -> bool:
-        return self.recipe_of_all.frames > 1
 
     def _write_frames(self, entry: E, work: Path) -> Made:
         """Write the frames of a stimulus; return their hashes."""
@@ -163,12 +156,12 @@ class _TakingBuild(ClipBuild[str]):
         report: Report,
     ) -> None:
         self.entries = {entry.name: entry for entry in builder.wanted}
-        frames = builder.recipe_of_all.frames
+        frames = builder.protocol.stimuli.frames
         super().__init__(
             builder.protocol, out, executor, places, report, list(self.entries), frames
         )
         self.builder: SingleStimulusBuilder[Any] = builder
-        self.previews = builder._has_previews
+        self.previews = frames > 1
         self.hashes: dict[str, str] = {}
         self.wrong: dict[str, str] = {}
 
@@ -218,12 +211,6 @@ class _TakingBuild(ClipBuild[str]):
             raise InputError(
                 "\n".join(self.wrong[name] for name in self.names if name in self.wrong)
             )
-
-
-@contextmanager
-def _threads(workers: int) -> Iterator[tuple[Executor, int]]:
-    with ThreadPoolExecutor(workers) as pool:
-        yield pool, workers + 1
 
 
 def _stored(work: Path, frames: Sequence[bytes | str]) -> tuple[str, ...]:

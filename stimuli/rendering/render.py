@@ -26,6 +26,7 @@ from stimuli.rendering.triangle_batches import (
     TriangleBatch,
     columns,
     program,
+    projection,
     set_uniform,
     upload_triangles,
 )
@@ -257,7 +258,9 @@ class WorldRenderer:
         place = camera.world_from_camera[:3, 3] - self._origin
         view = np.eye(4)
         view[:3, :3], view[:3, 3] = rotation, -rotation @ place
-        clip_from_world = self._projection(camera) @ view
+        lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+        near_m = min(NEAR_SHARE * self._reach_m, NEAR_M)
+        clip_from_world = projection(size, lens, near_m) @ view
         set_uniform(self._surface, "clip_from_world", columns(clip_from_world))
         set_uniform(self._surface, "eye", tuple(place))
         # Depth first: the costly light is worked out once per pixel.
@@ -319,19 +322,6 @@ class WorldRenderer:
         framebuffer.use()
         framebuffer.clear(depth=1.0)
         return colour, framebuffer
-
-    def _projection(self, camera: Camera) -> NDArray[np.float64]:
-        """Clip space from camera axes: x right, y down as rows of an array, far plane at inf."""
-        near_m = min(NEAR_SHARE * self._reach_m, NEAR_M)
-        width, height = camera.width_px, camera.height_px
-        return np.array(
-            [
-                [2 * camera.fx_px / width, 0, 2 * camera.cx_px / width - 1, 0],
-                [0, 2 * camera.fy_px / height, 2 * camera.cy_px / height - 1, 0],
-                [0, 0, 1, -2 * near_m],
-                [0, 0, 1, 0],
-            ]
-        )
 
     def _draw_sky(self, camera: Camera) -> None:
         for name, value in (

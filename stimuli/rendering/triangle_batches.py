@@ -35,6 +35,28 @@ def columns(matrix: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(matrix.T.ravel().astype(float))
 
 
+def projection(
+    size_px: tuple[int, int], lens_px: tuple[float, float, float, float], near_m: float
+) -> NDArray[np.float64]:
+    """Clip space from camera axes: x right, y down as rows of an array, far plane at infinity.
+
+    Parameters
+    ----------
+    size_px : (width, height)
+    lens_px : (fx, fy, cx, cy)
+        Focal lengths, and the place of the axis.
+    """
+    (width, height), (fx, fy, cx, cy) = size_px, lens_px
+    return np.array(
+        [
+            [2 * fx / width, 0, 2 * cx / width - 1, 0],
+            [0, 2 * fy / height, 2 * cy / height - 1, 0],
+            [0, 0, 1, -2 * near_m],
+            [0, 0, 1, 0],
+        ]
+    )
+
+
 def set_uniform(shader: Any, name: str, value: object) -> None:
     """Set a uniform, unless the compiler found it unused in this shader."""
     uniform = shader.get(name, None)

@@ -27,6 +27,10 @@ Array = NDArray[np.float64]
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+_REST: dict[str, tuple[float, ...]] = {
+    "translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0),
+}  # fmt: skip
+"""Place of a node of which nothing is said, in the order in which it is applied last to first."""
 _AGAIN = "export it again"
 _SHORTEST = 0.1  # of quaternions, which rounding leaves near 1
 _SUMS_APART = 0.05  # of a corner's weights, from 1
@@ -150,14 +154,7 @@ class Document:
                 raise self._wrong("a node has a matrix, and a shift, turn or scale beside it")
             return matrix
         return self._placed(
-            *(
-                self._numbers(node.get(key, default), len(default), key)
-                for key, default in (
-                    ("translation", (0.0, 0.0, 0.0)),
-                    ("rotation", (0.0, 0.0, 0.0, 1.0)),
-                    ("scale", (1.0, 1.0, 1.0)),
-                )
-            )
+            *(self._numbers(node.get(key, rest), len(rest), key) for key, rest in _REST.items())
         )
 
     def _placed(self, translation: Array, rotation: Array, scale: Array) -> Array:
@@ -198,22 +195,15 @@ class Document:
     def _instances(self, world: Array, instances: dict[str, Any]) -> tuple[Array, ...]:
         attributes = instances["attributes"]
         given = {
-            key: self._accessor(attributes[key], key)
-            for key in ("TRANSLATION", "ROTATION", "SCALE")
-            if key in attributes
+            key: self._accessor(attributes[key.upper()], key.upper())
+            for key in _REST
+            if key.upper() in attributes
         }
         counts = {len(values) for values in given.values()}
         if len(counts) != 1:
             raise self._wrong(f"instances must have lists of one length, not {sorted(counts)}")
         (count,) = counts
-        rows = [
-            given.get(key, np.tile(default, (count, 1)))
-            for key, default in (
-                ("TRANSLATION", (0.0, 0.0, 0.0)),
-                ("ROTATION", (0.0, 0.0, 0.0, 1.0)),
-                ("SCALE", (1.0, 1.0, 1.0)),
-            )
-        ]
+        rows = [given.get(key, np.tile(rest, (count, 1))) for key, rest in _REST.items()]
         return tuple(world @ self._placed(*row) for row in zip(*rows, strict=True))
 
     def _joints(self, index: int) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import moderngl
 import numpy as np
@@ -15,7 +15,7 @@ from pipeline.gl.texture import check_size
 from pipeline.textures.bake import BakedTexture
 from pipeline.textures.gpu import TexturePass
 from pipeline.textures.reference import Fragments
-from stimuli.rendering.triangle_batches import columns, set_uniform, shader_text
+from stimuli.rendering.triangle_batches import columns, projection, set_uniform, shader_text
 from stimuli.texture.scenes import Globe, TexturedScene, globe_vertices
 
 GlobeCondition = Literal["reference", "blur", "metamer"]
@@ -128,7 +128,10 @@ class TexturedRenderer:
     ) -> None:
         ctx, geometry = self._ctx, self._geometry
         self._pooled.set_gaze(gaze_px)
-        set_uniform(program, "clip_from_camera", columns(_projection(geometry)))
+        size = geometry.width_px, geometry.height_px
+        lens = (geometry.distance_px, geometry.distance_px, *geometry.centre_px)
+        projected = projection(size, lens, _NEAR_M)
+        set_uniform(program, "clip_from_camera", columns(projected))
         light = np.asarray(scene.light) / max(float(np.linalg.norm(scene.light)), 1e-9)
         set_uniform(program, "light_direction", tuple(light.tolist()))
         set_uniform(program, "ambient", scene.ambient)
@@ -151,27 +154,10 @@ class TexturedRenderer:
     def _draw_globe(self, program: moderngl.Program, globe: Globe, turn_deg: float) -> None:
         vertices, triangles = globe_vertices(globe, turn_deg)
         buffer, index = self._ctx.buffer(vertices), self._ctx.buffer(triangles)
-        used: list[Any] = [
-            (name, form)
-            for name, form in (("in_position", "3f"), ("in_normal", "3f"), ("in_uv", "2f"))
-        ]
+        used = (("in_position", "3f"), ("in_normal", "3f"), ("in_uv", "2f"))
         form = " ".join(f if name in program else f"{f[0]}x4" for name, f in used)
         names = [name for name, _ in used if name in program]
         array = self._ctx.vertex_array(program, [(buffer, form, *names)], index_buffer=index)
         array.render(moderngl.TRIANGLES)
         for held in (array, buffer, index):
             held.release()
-
-
-def _projection(geometry: FlatGeometry) -> NDArray[np.float64]:
-    """Clip space from camera axes, rows of the picture going down."""
-    width, height = geometry.width_px, geometry.height_px
-    (x, y), distance = geometry.centre_px, geometry.distance_px
-    return np.array(
-        [
-            [2 * distance / width, 0, 2 * x / width - 1, 0],
-            [0, 2 * distance / height, 2 * y / height - 1, 0],
-            [0, 0, 1, -2 * _NEAR_M],
-            [0, 0, 1, 0],
-        ]
-    )
