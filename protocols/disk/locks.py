@@ -147,22 +147,3 @@ def clear_files(path: Path) -> None:
         file, process = written(entry.name) or ("", 0)
         if file == path.name and entry.is_file() and not entry.is_symlink() and is_gone(process):
             remove(entry)
-
-
-def clear_folders(folder: Path, endings: tuple[str, ...]) -> None:
-    """Remove what killed programs left in a folder: ``.PID.part`` with files of these endings."""
-    for entry in list(folder.iterdir()) if folder.is_dir() else ():
-        found = re.fullmatch(r"\.([0-9]+)\.part", entry.name)
-        if found and not entry.is_symlink() and is_gone(int(found[1])):
-            with suppress(OSError), held(entry) as stale:  # gone meanwhile, or no folder
-                if stale:
-                    remove_files(entry, endings)
-
-
-def remove_files(folder: Path, endings: tuple[str, ...]) -> None:
-    """Remove files with these endings from a folder, and the folder where it held no other."""
-    for entry in list(folder.iterdir()):
-        if entry.suffix in endings and entry.is_file() and not entry.is_symlink():
-            remove(entry)
-    with suppress(OSError):  # not empty
-        folder.rmdir()

@@ -1,21 +1,14 @@
-"""Folders of frames, and the reporter of work on files.
-
-A command fills a folder with all of its frames or none.
-"""
+"""Folders of frames and of steps, and the reporter of work on files."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.errors import InputError
 from pipeline.pictures.drawing import Picture, fitted, save_picture, sheet
-from protocols.disk.locks import clear_folders, held, remove_files
 from protocols.disk.result_folder import whole_folder
-from protocols.disk.whole_file import PART, move, remove
 
 DrawnStep = tuple[str, str, Picture]  # file name without number and ending, label, picture
 
@@ -74,7 +67,6 @@ class Reporter:
 SILENT = Reporter()
 READ = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".bmp", ".avif")
 _UNREAD = (".heic", ".heif")
-_FRAMES = (".png", ".exr")
 
 
 def frames_in(folder: Path) -> list[Path]:
@@ -98,50 +90,3 @@ def frames_in(folder: Path) -> list[Path]:
             f"{folder}: must hold frames, such as 000000.png, 000001.png, ... (has none)"
         )
     return found
-
-
-@contextmanager
-def frames_folder(out: Path) -> Iterator[Path]:
-    """Give a folder within `out` to write to; when all went well, its frames appear in `out`.
-
-    Whatever is raised within, nothing that was written is left behind, and all else stays. What a
-    killed command left there is removed before.
-
-    Raises
-    ------
-    InputError
-        If `out` is a file, or holds anything: old frames among new ones look like one clip.
-    """
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: must be a folder, as the frames lie in one (it is a file)")
-    clear_folders(out, _FRAMES)
-    found = min(out.iterdir(), default=None) if out.exists() else None
-    if found is not None:
-        left = ", of a command that was stopped or still runs" if found.suffix == PART else ""
-        raise InputError(
-            f"{out}: must be empty or new, as it is to hold the frames of one clip (it holds"
-            f" {found.name}{left}); choose another folder, or empty it"
-        )
-    new = [folder for folder in (out, *out.parents) if not folder.exists()]
-    part, written = out / f".{os.getpid()}{PART}", []
-    part.mkdir(parents=True)
-    try:
-        with held(part):
-            yield part
-            for frame in sorted(part.iterdir()):
-                if (out / frame.name).exists():
-                    raise InputError(
-                        f"{out}: must be left alone while frames are written (somebody put"
-                        f" {frame.name} there); choose another folder"
-                    )
-                move(frame, out / frame.name)
-                written.append(out / frame.name)
-            part.rmdir()
-    except BaseException:
-        for frame in written:
-            remove(frame)
-        remove_files(part, _FRAMES)
-        for folder in new:
-            with suppress(OSError):  # somebody put something there
-                folder.rmdir()
-        raise

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.pictures.colour_file import AnyPicture, PictureReading, read_any, save_colour
-from stimuli.media.frames_folder import Reporter, frames_folder, frames_in
+from protocols.disk.result_folder import whole_folder
+from stimuli.media.frames_folder import Reporter, frames_in
 
 
 class PictureFiles:
@@ -86,9 +87,10 @@ def save_pictures(
     shown : iterable of (ndarray, bits)
         As `save_colour` takes them.
     """
-    out.parent.mkdir(parents=True, exist_ok=True)
+    if not frames:
+        out.parent.mkdir(parents=True, exist_ok=True)
     names = frames or [out.name]
-    with frames_folder(out) if frames else nullcontext(out.parent) as folder:
+    with whole_folder(out) if frames else nullcontext(out.parent) as folder:
         for done, (name, (colour, bits)) in enumerate(zip(names, shown, strict=True), 1):
             save_colour(folder / name, colour, bits=bits)
             if frames:

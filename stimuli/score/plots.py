@@ -75,8 +75,8 @@ def trade_off(
     """Draw the mean quality of each method against its time; None if nothing can be drawn."""
     points = []
     for index, method in enumerate(method_order(results)):
-        every = results.values_of(method, metric, region)
-        values = [value for value in every if value is not None and math.isfinite(value)]
+        numbers = results.values_of(method, metric, region)
+        values = [value for value in numbers if value is not None and math.isfinite(value)]
         if values and method in times_ms:
             points.append((index, method, times_ms[method], float(np.mean(values))))
     if len(points) < 2:

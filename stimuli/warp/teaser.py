@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -112,12 +113,7 @@ def of_clips(folder: Path, manifest: Manifest) -> list[Compared]:
         groups.setdefault(tuple(shared.items()), []).append(clip)
     return [
         Compared(
-            {
-                str(clip.condition[METHOD]): lambda index, clip=clip: _read(
-                    folder / clip.frame_path(index)
-                )
-                for clip in clips
-            },
+            {str(clip.condition[METHOD]): partial(_read_clip, folder, clip) for clip in clips},
             len(clips[0].frames_sha256),
             dict(shared),
         )
@@ -452,6 +448,10 @@ def _fitting(
     while wide() > across_in and len(text) > 4 and not is_score:
         text = text[:-2].rstrip(" …") + "…"
         made.set_text(text)
+
+
+def _read_clip(folder: Path, clip: Clip, index: int) -> Picture:
+    return _read(folder / clip.frame_path(index))
 
 
 def _read(path: Path) -> Picture:

@@ -16,7 +16,9 @@ from pipeline.errors import InputError
 from pipeline.pictures.colour_file import save_colour
 from pipeline.pictures.drawing import save_picture
 from pipeline.pictures.stored_frames import read_picture
-from stimuli.media.frames_folder import frames_folder
+from protocols.errors import StudyError
+from stimuli.media.frames_folder import SILENT
+from stimuli.media.picture_files import save_pictures
 from stimuli.media.video import unpacked_video, write_video
 from study_app.cli import app
 
@@ -115,15 +117,6 @@ def test_frames_of_16_bits_become_a_video_of_8(tmp_path, rng):
         write_video(tmp_path / "w.avi", [tmp_path / "float.exr"], 24.0)
 
 
-def test_a_folder_that_a_running_command_fills_is_named(frames, tmp_path):
-    left = tmp_path / "out" / f".{os.getppid()}.part"
-    left.mkdir(parents=True)
-    done = run("foveate", frames, tmp_path / "out", "--method", "reference", "--numpy")
-    assert done.exit_code == 2, done.output
-    said = f"it holds {left.name}, of a command that was stopped or still runs"
-    assert said in " ".join(done.stderr.split())
-
-
 def gone() -> int:
     """Return the number of a process that is no more."""
     with subprocess.Popen(["true"]) as process:
@@ -131,65 +124,16 @@ def gone() -> int:
     return process.pid
 
 
-def test_what_a_killed_command_left_goes_and_the_next_goes_on(frames, tmp_path):
-    left = tmp_path / "out" / f".{gone()}.part"
-    left.mkdir(parents=True)
-    for name in ("000000.png", f".000001.{gone()}.tmp.png"):
-        (left / name).write_bytes(b"half")
-    done = run("foveate", frames, tmp_path / "out", "--method", "reference", "--numpy")
-    assert done.exit_code == 0, done.output
-    assert [path.name for path in sorted((tmp_path / "out").iterdir())] == [
-        path.name for path in sorted(frames.iterdir())
-    ]
-
-
-@pytest.mark.parametrize("kind", ["in it", "file", "link"])
-def test_what_is_only_called_like_a_left_over_stays(frames, tmp_path, kind):
-    out, left = tmp_path / "out", tmp_path / "out" / f".{gone()}.part"
-    out.mkdir()
-    (tmp_path / "mine").mkdir()
-    mine = tmp_path / "mine" / "000000.png"
-    if kind == "in it":
-        left.mkdir()
-        mine = left / "thesis.txt"
-    elif kind == "file":
-        mine = left
-    else:
-        left.symlink_to(tmp_path / "mine")
-    mine.write_text("precious")
-    done = run("foveate", frames, out, "--method", "reference", "--numpy")
-    assert done.exit_code == 2, done.output
-    assert f"it holds {left.name}" in " ".join(done.stderr.split())
-    assert mine.read_text() == "precious"
-
-
-@pytest.mark.parametrize("raised", [KeyboardInterrupt, RuntimeError])
-@pytest.mark.parametrize("out", ["new", "above/new", "there"])
-def test_whatever_stops_a_clip_of_frames_a_users_files_stay(tmp_path, out, raised):
-    (tmp_path / "there").mkdir()
-
-    def stopped() -> None:
-        with frames_folder(tmp_path / out) as part:
-            (part / "000000.png").write_bytes(b"frame")
-            (tmp_path / out / "thesis.txt").write_text("precious")
-            raise raised
-
-    with pytest.raises(raised):
-        stopped()
-    assert [path.name for path in (tmp_path / out).iterdir()] == ["thesis.txt"]
-
-
 def test_a_frame_that_a_user_put_there_meanwhile_is_not_written_over(tmp_path):
-    def meanwhile() -> None:
-        with frames_folder(tmp_path / "new") as part:
-            for name in ("000000.png", "000001.png"):
-                (part / name).write_bytes(b"frame")
-            (tmp_path / "new" / "000001.png").write_text("precious")
+    def shown():
+        yield np.zeros((4, 4, 3), np.float32), 8
+        (tmp_path / "new").mkdir()
+        (tmp_path / "new" / "000000.png").write_text("precious")
 
-    with pytest.raises(InputError, match=r"somebody put 000001\.png there"):
-        meanwhile()
-    assert [path.name for path in (tmp_path / "new").iterdir()] == ["000001.png"]
-    assert (tmp_path / "new" / "000001.png").read_text() == "precious"
+    with pytest.raises(StudyError, match=r"it holds 000000\.png"):
+        save_pictures(tmp_path / "new", ["000000.png"], shown(), SILENT)
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["000000.png"]
+    assert (tmp_path / "new" / "000000.png").read_text() == "precious"
 
 
 def test_what_killed_commands_left_of_one_picture_goes_with_the_next(frames, tmp_path):

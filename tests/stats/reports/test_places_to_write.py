@@ -189,10 +189,11 @@ def test_a_stopped_clip_of_frames_takes_nothing_of_a_users_and_the_next_goes_on(
     words = ("foveate", frames, out, "--numpy", "--method", "metamer")
     process = Forked(*words)
     began = time.monotonic()
-    while not list(out.glob(".*.part/*.png")):
+    while not list(tmp_path.glob(".out.unfinished-*/new/*.png")):
         assert process.poll() is None
         assert time.monotonic() - began < 100
         time.sleep(0.01)
+    out.mkdir()
     (out / "thesis.txt").write_text("precious")
     process.send_signal(number)
     assert process.wait() != 0
