@@ -269,7 +269,6 @@ def _places(study: StudyProtocol, display: Display) -> Iterator[Problem]:
                     f" of stimuli {wide} px wide); put them farther apart, or make them"
                     " smaller",
                 )
-    return []
 
 
 def _memory(study: StudyProtocol, display: Display) -> Iterator[Problem]:
@@ -318,4 +317,3 @@ def _built_size(study: StudyProtocol, display: Display, manifest: Manifest) -> I
                 f"clip {clip.name}",
                 f"must be {study.stimuli.frame_hz:g} fps (got {clip.fps:g} fps); build again",
             )
-    return []

@@ -9,7 +9,7 @@ from pipeline.foveation.conditions import foveate
 from pipeline.foveation.steady_gaze import carried
 from pipeline.pictures.colour_file import save_colour
 from pipeline.pictures.decode import read_pixels
-from stimuli.media.gaze_and_display import look_at
+from stimuli.media.gaze_and_display import StatedViewing
 from study_app.cli import app
 
 HEIGHT, WIDTH = 40, 56
@@ -163,7 +163,7 @@ def test_a_recording_is_replayed_as_a_screen_shows_the_frames(frames, tmp_path, 
 
     assert result.exit_code == 0, result.stderr
     assert "its last gaze is held" not in result.stdout
-    viewing = look_at((HEIGHT, WIDTH), display="fhd27-60hz").viewing
+    viewing = StatedViewing(display="fhd27-60hz").of((HEIGHT, WIDTH)).viewing
     gazes = [(10, 10), (18, 20), (28, 30)]
     for picture, colour, gaze in zip(shown(tmp_path / "out"), colours, gazes, strict=True):
         wanted = foveate(colour, gaze, method="blur", viewing=viewing)
