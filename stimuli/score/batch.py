@@ -59,7 +59,7 @@ class Subjects:
         return self.labels.get(name, name)
 
     def alike(self) -> dict[tuple[str, str], list[Subject]]:
-        """Return what shows one scene in one size, by these."""
+        """Return the subjects of each scene and size, by these."""
         found: dict[tuple[str, str], list[Subject]] = {}
         for item in self.items:
             found.setdefault((item.scene, item.size), []).append(item)
