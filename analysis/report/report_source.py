@@ -135,14 +135,14 @@ def from_table(path: Path, given: TableSettings = TableSettings()) -> ReportSour
     if study is not None:
         analysis = analysis_of(study.analysis.kind)
         plan = analysis.plan(study)
-        decisions = _main(path, analysis.read(table, {}, analysis.section_of_table(plan)))
+        decisions = _main(path, analysis.read(table, analysis.section_of_table(plan)))
         analysis.check_table(path, decisions, plan)
         notes.append("the protocol's exclusion rules were not applied to this table")
     else:
         noted = noted or _guessed(table)
         analysis = analysis_of(noted.kind)
         section = options_from(noted.kind, given.told, noted)
-        decisions = _main(path, analysis.read(table, {}, section))
+        decisions = _main(path, analysis.read(table, section))
         plan = analysis.plan_of_table(decisions, path.stem, section)
     if given.title is not None:
         plan = plan.but(title=given.title)
@@ -161,7 +161,7 @@ def from_question(
     StudyError
         If the table lacks a column, or holds what cannot be.
     """
-    decisions = analysis.read(table, {}, section)
+    decisions = analysis.read(table, section)
     plan = analysis.plan_of_table(decisions, table.path.stem, section)
     notes = analysis.table_notes(decisions, plan)
     return replace(_of_table(analysis, table, decisions, plan, notes), only=tuple(only))

@@ -1,7 +1,5 @@
 """Preferences of any program: one decision between two methods per row."""
 
-from collections.abc import Mapping
-
 import numpy as np
 import pandas as pd
 
@@ -26,14 +24,13 @@ NO_SIZE = "all"
 KINDS = ("main", "practice", "catch")
 
 
-def read_decisions(source: Source, mapping: Mapping[str, str] | None = None) -> pd.DataFrame:
+def read_decisions(source: Source) -> pd.DataFrame:
     """Read one decision per row from a table of any tool.
 
     Parameters
     ----------
     source : Table, str or Path
-    mapping : mapping of our name to the file's column, optional
-        Of a path. Needed: ``participant``, ``first`` and ``second`` (the methods compared), and
+        Needed: ``participant``, ``first`` and ``second`` (the methods compared), and
         ``chosen`` (the method's name, or its place) or ``chose_first`` (1/0). Optional: ``scene``,
         ``size``, ``order``, ``repeat``, ``rt_s``, ``chosen_side``, ``session``, ``confidence``.
 
@@ -42,7 +39,7 @@ def read_decisions(source: Source, mapping: Mapping[str, str] | None = None) -> 
     StudyError
         With the column, row and value at fault.
     """
-    table = opened(source, mapping)
+    table = opened(source)
     table.known(KNOWN)
     lacking = [column for column in PAIR if column not in table.rows]
     answers = [column for column in ("chosen", "chose_first") if column in table.rows]

@@ -1,6 +1,6 @@
 """Ordered ratings of any program: one rating of a condition or of a pair per row."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,6 @@ from protocols.errors import StudyError, did_you_mean
 
 def read_ratings(
     source: Source,
-    mapping: Mapping[str, str] | None = None,
     *,
     by: str | None = None,
     scale: Sequence[str] = (),
@@ -49,7 +48,7 @@ def read_ratings(
     StudyError
         With the column, line and value at fault, and the cure.
     """
-    table = opened(source, mapping)
+    table = opened(source)
     named = ("first", "second") if by is None else (by,)
     chosen = by is None and "rating" not in table.rows and "chosen" in table.rows
     rated = "chosen" if chosen else "rating"

@@ -565,6 +565,6 @@ Source = str | Path | Table
 """A table, or where it lies."""
 
 
-def opened(source: Source, mapping: Mapping[str, str] | None = None) -> Table:
-    """Return the table; one that lies in a file is read, with columns of these names."""
-    return source if isinstance(source, Table) else Table(Path(source), mapping)
+def opened(source: Source) -> Table:
+    """Return the table; one that lies in a file is read."""
+    return source if isinstance(source, Table) else Table(Path(source))

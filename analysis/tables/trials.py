@@ -1,6 +1,6 @@
 """Trials with right answers of any program, one decided trial per row."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +23,6 @@ _ALWAYS = ("session", "participant", "simulated", "trial", "kind", "order", "inc
 
 def read_trials(
     source: Source,
-    mapping: Mapping[str, str] | None = None,
     *,
     conditions: Sequence[str] = (),
     levels: Sequence[str] = (),
@@ -35,12 +34,10 @@ def read_trials(
     Parameters
     ----------
     source : Table, str or Path
-    mapping : mapping of our name to the file's column, optional
-        Of a path. Needed: ``participant``, and ``correct`` (1/0) or both ``expected`` and
-        ``answer``. Optional: ``scene``, ``order``, ``rt_s``, ``confidence``. Columns that
-        already have our names need no entry. All other columns are kept, under names of one's own
-        if mapped. Of a table with ``kind`` or ``included``, as tidy ones, only main trials that
-        are included are read.
+        Needed: ``participant``, and ``correct`` (1/0) or both ``expected`` and ``answer``.
+        Optional: ``scene``, ``order``, ``rt_s``, ``confidence``. All other columns are kept, under
+        names of one's own if mapped. Of a table with ``kind`` or ``included``, as tidy ones, only
+        main trials that are included are read.
     conditions : sequence of str
         Columns that must be there and have a value in every row.
     levels : sequence of str
@@ -62,7 +59,7 @@ def read_trials(
     StudyError
         With the column, line and value at fault, and the cure.
     """
-    table = opened(source, mapping)
+    table = opened(source)
     table.known((*_KNOWN, *conditions, *levels), own=own)
     _require(table, conditions, levels)
     table.only_main()
@@ -110,9 +107,7 @@ def read_trials(
     return rows.reset_index(drop=True)
 
 
-def read_times(
-    source: Source, mapping: Mapping[str, str] | None = None, *, by: str | None = None
-) -> pd.DataFrame:
+def read_times(source: Source, *, by: str | None = None) -> pd.DataFrame:
     """Read reaction times of any task; rows without one are left out and noted.
 
     Parameters
@@ -132,7 +127,7 @@ def read_times(
     StudyError
         With the column, line and value at fault, and the cure.
     """
-    table = opened(source, mapping)
+    table = opened(source)
     conditions = () if by is None else (by,)
     table.known((*OURS, *conditions), own=False)
     table.need([name for name in ("rt_s", *conditions) if name not in table.rows])

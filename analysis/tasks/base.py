@@ -34,8 +34,9 @@ class TaskAnalysis(ABC, Generic[S, P]):
     def __init_subclass__(cls) -> None:
         """Refuse what was written for 0.3 and has other names now."""
         super().__init_subclass__()
+        own = {*vars(cls), *getattr(vars(cls).get("read"), "__annotations__", ())}
         for old, new in _RENAMED.items():
-            if old in vars(cls):
+            if old in own:
                 raise TypeError(
                     f"{old} of an analysis is {new} since 0.4 (docs/from-0.3-to-0.4.md)"
                 )
@@ -79,14 +80,8 @@ class TaskAnalysis(ABC, Generic[S, P]):
         """
 
     @abstractmethod
-    def read(self, table: Source, mapping: Mapping[str, str], section: S) -> pd.DataFrame:
+    def read(self, table: Source, section: S) -> pd.DataFrame:
         """Read decisions from a table of any tool; what was left out is added to its notes.
-
-        Parameters
-        ----------
-        table : Table or Path
-        mapping : mapping of our name to the file's column
-            Of a path.
 
         Raises
         ------
@@ -149,6 +144,11 @@ class TaskAnalysis(ABC, Generic[S, P]):
             return ()
 
 
-_RENAMED = {"settings": "plan", "settings_of_table": "plan_of_table", "told_by": "section_of_table"}
+_RENAMED = {
+    "settings": "plan",
+    "settings_of_table": "plan_of_table",
+    "told_by": "section_of_table",
+    "mapping": "in the table that `read` takes",
+}
 
 AnyAnalysis: TypeAlias = TaskAnalysis[Any, Any]

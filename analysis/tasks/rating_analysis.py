@@ -1,7 +1,5 @@
 """The analysis of ordered ratings, kind `ratings`."""
 
-from collections.abc import Mapping
-
 import pandas as pd
 
 from analysis.models.ordinal import lacking
@@ -66,14 +64,10 @@ class RatingsTask(TaskAnalysis[RatingTableSection, RatingPlan]):
         plan.check_known(plan.conditions_of(decisions), "one of the conditions")
         return plan
 
-    def read(
-        self, table: Source, mapping: Mapping[str, str], section: RatingTableSection
-    ) -> pd.DataFrame:
+    def read(self, table: Source, section: RatingTableSection) -> pd.DataFrame:
         """Read ratings: who gave which to what."""
         by = section.by or None
-        return as_decisions(
-            read_ratings(table, mapping, by=by, scale=section.scale, option="--set {}=")
-        )
+        return as_decisions(read_ratings(table, by=by, scale=section.scale, option="--set {}="))
 
     def simulation(self, study: StudyProtocol) -> RatedSteps:
         """Return the simulation of the steps that are given."""

@@ -1,6 +1,6 @@
 """The analysis of a table of reaction times of any task, kind `reaction`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pandas as pd
@@ -46,11 +46,9 @@ class TableOfTimes(TaskAnalysis[TimeTableSection, TimesPlan]):
         plan.check_known(known, f"a value of {plan.by!r}")
         return plan
 
-    def read(
-        self, table: Source, mapping: Mapping[str, str], section: TimeTableSection
-    ) -> pd.DataFrame:
+    def read(self, table: Source, section: TimeTableSection) -> pd.DataFrame:
         """Read who took how long, and whether the answer was right if the table says so."""
-        return as_decisions(read_times(table, mapping, by=section.by or None))
+        return as_decisions(read_times(table, by=section.by or None))
 
     def table_notes(self, decisions: pd.DataFrame, plan: TimesPlan) -> Sequence[str]:
         """Return a note on answers of two alternatives that are below guessing."""

@@ -395,7 +395,7 @@ def import_(
     if analysis.kind == "preference":
         square = "choices"
     plain = table_told(table, (asked.columns, where, answer), BY_IMPORT, square)
-    decisions = analysis.read(plain, {}, section)
+    decisions = analysis.read(plain, section)
     plan = analysis.plan_of_table(decisions, table.stem, section)
     plain.notes += analysis.table_notes(decisions, plan)
     with whole_folder(out, replace=replace, reads=[table]) as work:

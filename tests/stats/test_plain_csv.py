@@ -34,7 +34,7 @@ def table(tmp_path):
 def test_a_table_of_pwcmp_is_read_by_naming_its_columns(table):
     path = table(HEADER + "o1,park,ours,pp,1\no1,park,pp,ours,0\no2,park,ours,pp,0\n")
 
-    rows = read_decisions(path, PWCMP)
+    rows = read_decisions(Table(path, PWCMP))
 
     assert list(rows["chosen"]) == ["ours", "ours", "pp"]
     assert list(rows["rejected"]) == ["pp", "pp", "ours"]
@@ -81,7 +81,7 @@ def test_our_own_table_comes_back_as_it_was(tmp_path, make_decisions):
 )
 def test_what_is_wrong_is_said_with_its_line_and_cure(table, text, mapping, message):
     with pytest.raises(StudyError, match=message):
-        read_decisions(table(text), mapping)
+        read_decisions(Table(table(text), mapping))
 
 
 def test_text_that_is_not_utf8_is_read_and_it_is_noted(table):

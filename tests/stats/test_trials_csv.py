@@ -7,6 +7,7 @@ import pytest
 from made_up_trials import TaskDesign, simulate_abx, simulate_yes_no
 
 from analysis.models.detection import yes_no
+from analysis.tables.table import Table
 from analysis.tables.trials import read_trials
 from protocols.errors import StudyError
 
@@ -38,7 +39,9 @@ def test_answers_become_correct_and_rows_get_their_order(table):
 def test_columns_of_other_tools_are_mapped_by_name(table):
     path = table("subj;hit;ecc\nA;TRUE;5\nA;false;10\n")
 
-    rows = read_trials(path, {"participant": "subj", "correct": "hit", "eccentricity_deg": "ecc"})
+    rows = read_trials(
+        Table(path, {"participant": "subj", "correct": "hit", "eccentricity_deg": "ecc"})
+    )
 
     assert list(rows["correct"]) == [1, 0]
     assert list(rows["eccentricity_deg"]) == [5, 10]
@@ -114,7 +117,7 @@ def test_mistakes_are_told_with_place_value_and_cure(table, text, options, messa
 
 def test_an_unknown_mapping_suggests_the_nearest_column(table):
     with pytest.raises(StudyError, match="did you mean 'subject'"):
-        read_trials(table("subject,correct\na,1\n"), {"participant": "subjet"})
+        read_trials(Table(table("subject,correct\na,1\n"), {"participant": "subjet"}))
 
 
 def test_line_numbers_hold_where_lines_are_blank_and_cells_have_breaks(table):

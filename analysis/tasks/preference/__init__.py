@@ -67,11 +67,9 @@ class PreferenceOfPairs(TaskAnalysis[PreferenceTableSection, PreferencePlan]):
         """Return rules and names; a table with what is compared declares no primary comparison."""
         return super().section_of_table(plan.but(primary=None))
 
-    def read(
-        self, table: Source, mapping: Mapping[str, str], _section: PreferenceTableSection
-    ) -> pd.DataFrame:
+    def read(self, table: Source, _section: PreferenceTableSection) -> pd.DataFrame:
         """Read decisions: who compared what with what, and chose which."""
-        return read_decisions(table, mapping)
+        return read_decisions(table)
 
     def columns_of(self, decisions: pd.DataFrame) -> tuple[Column, ...]:
         """Return the columns of preferences."""

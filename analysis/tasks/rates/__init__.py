@@ -5,7 +5,7 @@ task's answer rule.
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar, Self, TypeVar
 
@@ -101,9 +101,9 @@ class RatesTask(TaskAnalysis[S, RatePlan]):
         answers = self.table_answers(decisions, section)
         return rate_plan_of_table(decisions, name, section, answers, rule=self.rule)
 
-    def read(self, table: Source, mapping: Mapping[str, str], section: S) -> pd.DataFrame:
+    def read(self, table: Source, section: S) -> pd.DataFrame:
         """Read trials: who was shown what, answered what, and was right or wrong."""
-        rows = opened(table, mapping)
+        rows = opened(table)
         wanted = list(section.by_columns)
         if section.interaction is not None and section.interaction not in (section.level, *wanted):
             wanted.append(section.interaction)
@@ -159,12 +159,10 @@ class DetectionRates(RatesTask[DetectionTableSection]):
     parts = rate_parts(YesNoPart(), TypicalPart())
     two: ClassVar[bool] = True
 
-    def read(
-        self, table: Source, mapping: Mapping[str, str], section: DetectionTableSection
-    ) -> pd.DataFrame:
+    def read(self, table: Source, section: DetectionTableSection) -> pd.DataFrame:
         """Read trials; both answers must be there, because d' needs hits and false alarms."""
-        table = opened(table, mapping)
-        rows = super().read(table, {}, section)
+        table = opened(table)
+        rows = super().read(table, section)
         if "answer" not in rows or (rows["answer"] == "").any():
             raise StudyError(
                 f"{table.path}: must have the columns expected and answer: whether answers were"
@@ -272,14 +270,12 @@ class TableOfLevels(RatesTask[CurveTableSection]):
         answers = self.table_answers(decisions, section)
         return rate_plan_of_table(decisions, name, section, answers, CurvePlan)
 
-    def read(
-        self, table: Source, mapping: Mapping[str, str], section: CurveTableSection
-    ) -> pd.DataFrame:
+    def read(self, table: Source, section: CurveTableSection) -> pd.DataFrame:
         """Read trials; refuse levels along which no psychometric function can run."""
-        table = opened(table, mapping)
+        table = opened(table)
         if section.level is None:
             raise StudyError(f"{table.path}: --set level must name the column of levels")
-        rows = super().read(table, {}, section)
+        rows = super().read(table, section)
         levels = rows[section.level]
         if (section.log or section.shape == "weibull") and bool((levels <= 0).any()):
             raise StudyError(

@@ -28,6 +28,7 @@ from analysis.models.psychometric import CurveForm, fit_psychometric
 from analysis.models.scaling import scale
 from analysis.report.wording import share
 from analysis.tables.decisions import read_decisions
+from analysis.tables.table import Table
 from protocols.answer_rules import Alternatives
 
 Reader = Callable[..., pd.DataFrame]
@@ -389,15 +390,13 @@ def test_tone_mapping_on_the_jod_scale_equals_pwcmp(expected: Answers, shared_da
     file = shared_data / "stats" / "pwcmp_ex3_tmo.csv"
     if not file.is_file():
         pytest.skip("needs pwcmp_ex3_tmo.csv of the test data")
-    decisions = read_decisions(
-        file,
-        {
-            "participant": "observer",
-            "first": "condition_A",
-            "second": "condition_B",
-            "chose_first": "is_A_selected",
-        },
-    )
+    columns = {
+        "participant": "observer",
+        "first": "condition_A",
+        "second": "condition_B",
+        "chose_first": "is_A_selected",
+    }
+    decisions = read_decisions(Table(file, columns))
     wins = win_matrix(answer["cond"], decisions["chosen"], decisions["rejected"])
 
     scores = scale(wins, answer["cond"]).scores

@@ -34,7 +34,7 @@ def told(kind: str, trials: pd.DataFrame, folder: Path, **options: object):
     analysis = analysis_of(kind)
     trials.to_csv(folder / "t.csv", index=False)
     chosen = analysis.options(**options)
-    rows = analysis.read(folder / "t.csv", {}, chosen)
+    rows = analysis.read(folder / "t.csv", chosen)
     settings = analysis.plan_of_table(rows, "t", chosen)
     found, _ = computed(analysis.parts, analysis.table(rows, settings), settings)
     shown = [part.show(found[part.name], settings) for part in analysis.parts if part.name in found]

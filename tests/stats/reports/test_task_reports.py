@@ -361,7 +361,7 @@ def analysed(kind: str, trials: pd.DataFrame, folder: Path, **options: object):
     analysis = analysis_of(kind)
     trials.to_csv(folder / "t.csv", index=False)
     chosen = analysis.options(**options)
-    rows = analysis.read(folder / "t.csv", {}, chosen)
+    rows = analysis.read(folder / "t.csv", chosen)
     settings = analysis.plan_of_table(rows, "t", chosen)
     return settings, computed(analysis.parts, analysis.table(rows, settings), settings)[0]
 

@@ -34,7 +34,7 @@ def table_of(folder: Path, people: int, scenes: int) -> pd.DataFrame:
             row = f"P{person}", f"s{scene}", first, second, second if better else first
             rows.append(",".join((*row, f"{0.8 + rng.random():.3f}")))
     (folder / "choices.csv").write_text("\n".join(rows) + "\n")
-    read = analysis_of("preference").read(folder / "choices.csv", {}, PreferenceTableSection())
+    read = analysis_of("preference").read(folder / "choices.csv", PreferenceTableSection())
     return read.assign(size="")  # as in tables of sessions
 
 
