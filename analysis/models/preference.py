@@ -29,21 +29,6 @@ FEW_PARTICIPANTS = 6
 
 
 @dataclass(frozen=True)
-class Answers:
-    """Counts of the answers that one comparison rests on.
-
-    `chosen` counts for the first method; `participant_sd` is the standard deviation of the
-    participants' shares.
-    """
-
-    trials: int
-    chosen: int
-    participants: int
-    scenes: int
-    participant_sd: float
-
-
-@dataclass(frozen=True)
 class ShareEstimate:
     """Share of trials in which a method was chosen, with limits.
 
@@ -56,10 +41,6 @@ class ShareEstimate:
         p < 1 - level.
     effective_n : float
         Independent trials that would tell as much.
-    cohens_h : float
-        2 asin sqrt(share) - pi / 2.
-    odds_ratio, odds_lower, odds_upper : float
-        Odds of choosing the method; half a vote is added where all answers agree.
     """
 
     share: float
@@ -67,10 +48,6 @@ class ShareEstimate:
     upper: float
     level: float
     effective_n: float
-    cohens_h: float
-    odds_ratio: float
-    odds_lower: float
-    odds_upper: float
 
 
 @dataclass(frozen=True)
@@ -79,132 +56,91 @@ class ShareTest:
 
     Attributes
     ----------
-    name : str
-        What p is, in words: the largest of three (`clustered.ClusteredShare`).
-    p, p_adjusted : float
-        Adjusted over the family of comparisons.
     t, df : float or None
         Of the clustered score test; None where participants agree.
+    p, p_adjusted : float
+        Adjusted over the family of comparisons.
+    name : str
+        What p is, in words: the largest of three (`clustered.ClusteredShare`).
     """
 
-    name: str
-    p: float
-    p_adjusted: float
     t: float | None
     df: float | None
-
-
-@dataclass(frozen=True)
-class Equivalence:
-    """Test that a share is as good as one half.
-
-    `margin` is the smallest effect of interest, `p` TOST's against it; adjusted over the family
-    as tests are, because several verdicts of equivalence err as several tests do.
-    """
-
-    margin: float
     p: float
     p_adjusted: float
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Other ways to judge the same answers; none of them decides.
-
-    Attributes
-    ----------
-    sign_flip_p, sign_flip_floor : float
-        Participant-level sign-flip test, and the smallest p so many participants can give.
-    exact_p, exact_lower, exact_upper : float
-        Pooled exact binomial and Clopper-Pearson, as the papers; takes trials as independent.
-    """
-
-    sign_flip_p: float
-    sign_flip_floor: float
-    exact_p: float
-    exact_lower: float
-    exact_upper: float
+    name: str
 
 
 @dataclass(frozen=True)
 class Preference:
     """Preference for `method` over `against`: share, test and verdict.
 
-    `size` is "all" where sizes are taken together. `warnings` say when not to trust it.
+    Attributes
+    ----------
+    size : str
+        "all" where sizes are taken together.
+    chosen : int
+        Trials in which `method` was.
+    sign_flip_p, sign_flip_floor : float
+        Participant-level sign-flip test, and the smallest p so many participants can give. It
+        decides nothing, nor does the next.
+    exact_p, exact_lower, exact_upper : float
+        Pooled exact binomial and Clopper-Pearson, as the papers; takes trials as independent.
+    cohens_h : float
+        2 asin sqrt(share) - pi / 2.
+    odds_ratio, odds_lower, odds_upper : float
+        Odds of choosing the method; half a vote is added where all answers agree.
+    margin, equivalence_p, equivalence_p_adjusted : float
+        Smallest effect of interest, and TOST's p against it; adjusted over the family as tests
+        are, because several verdicts of equivalence err as several tests do.
+    participant_sd : float
+        Standard deviation of the participants' shares.
+    warnings : tuple of str
+        When not to trust it.
     """
 
     method: str
     against: str
     size: str
-    answers: Answers
+    trials: int
+    chosen: int
+    participants: int
+    scenes: int
     estimate: ShareEstimate
     test: ShareTest
-    equivalence: Equivalence
-    sensitivity: Sensitivity
+    sign_flip_p: float
+    sign_flip_floor: float
+    exact_p: float
+    exact_lower: float
+    exact_upper: float
+    cohens_h: float
+    odds_ratio: float
+    odds_lower: float
+    odds_upper: float
+    margin: float
+    equivalence_p: float
+    equivalence_p_adjusted: float
+    participant_sd: float
     verdict: Verdict
     warnings: tuple[str, ...]
 
     def row(self) -> dict[str, object]:
-        """Return everything by the names that tables and `results.json` keep."""
-        own = {name: getattr(self, name) for name in ("method", "against", "size")}
-        equal = self.equivalence
-        found = own | vars(self.answers) | vars(self.estimate) | vars(self.test)
-        found |= vars(self.sensitivity)
-        found |= {
-            "test": found.pop("name"),
-            "margin": equal.margin,
-            "equivalence_p": equal.p,
-            "equivalence_p_adjusted": equal.p_adjusted,
-            "verdict": self.verdict,
-            "warnings": self.warnings,
-        }
-        return {name: found[name] for name in ROW}
+        """Return everything by the names that tables and `results.json` keep, in their order."""
+        tested = dict(vars(self.test))
+        parts = {"estimate": vars(self.estimate), "test": tested | {"test": tested.pop("name")}}
+        found: dict[str, object] = {}
+        for name, value in vars(self).items():
+            found |= parts.get(name, {name: value})
+        return found
 
     def adjusted(self, p: float, equivalence_p: float, alpha: float) -> "Preference":
         """Return it as one of a family, by the p-values adjusted over all."""
         return replace(
             self,
             test=replace(self.test, p_adjusted=p),
-            equivalence=replace(self.equivalence, p_adjusted=equivalence_p),
+            equivalence_p_adjusted=equivalence_p,
             verdict=_verdict(self.estimate.share, p, equivalence_p, alpha),
         )
-
-
-ROW = (
-    "method",
-    "against",
-    "size",
-    "trials",
-    "chosen",
-    "participants",
-    "scenes",
-    "share",
-    "lower",
-    "upper",
-    "level",
-    "effective_n",
-    "t",
-    "df",
-    "p",
-    "p_adjusted",
-    "test",
-    "sign_flip_p",
-    "sign_flip_floor",
-    "exact_p",
-    "exact_lower",
-    "exact_upper",
-    "cohens_h",
-    "odds_ratio",
-    "odds_lower",
-    "odds_upper",
-    "margin",
-    "equivalence_p",
-    "equivalence_p_adjusted",
-    "participant_sd",
-    "verdict",
-    "warnings",
-)
-"""Columns of `preferences.csv`, in order."""
 
 
 @dataclass(frozen=True)
@@ -341,33 +277,25 @@ def preference(
         method=method,
         against=against,
         size=size,
-        answers=Answers(
-            trials=trials,
-            chosen=wins,
-            participants=len(people),
-            scenes=len(scenes),
-            participant_sd=float(shares.std(ddof=1)) if len(people) > 1 else 0.0,
-        ),
-        estimate=ShareEstimate(
-            share=share,
-            lower=ends[0],
-            upper=ends[1],
-            level=level,
-            effective_n=judged.effective_n,
-            cohens_h=cohens_h(share),
-            odds_ratio=odds_share / (1.0 - odds_share),
-            odds_lower=_odds(ends[0], trials),
-            odds_upper=_odds(ends[1], trials),
-        ),
+        trials=trials,
+        chosen=wins,
+        participants=len(people),
+        scenes=len(scenes),
+        estimate=ShareEstimate(share, *ends, level, judged.effective_n),
         test=tested,
-        equivalence=Equivalence(margin=margin, p=equal, p_adjusted=equal),
-        sensitivity=Sensitivity(
-            sign_flip_p=sign_flip_p(shares - 0.5),
-            sign_flip_floor=sign_flip_floor(len(people)),
-            exact_p=float(exact.pvalue),
-            exact_lower=float(exact_limits.low),
-            exact_upper=float(exact_limits.high),
-        ),
+        sign_flip_p=sign_flip_p(shares - 0.5),
+        sign_flip_floor=sign_flip_floor(len(people)),
+        exact_p=float(exact.pvalue),
+        exact_lower=float(exact_limits.low),
+        exact_upper=float(exact_limits.high),
+        cohens_h=cohens_h(share),
+        odds_ratio=odds_share / (1.0 - odds_share),
+        odds_lower=_odds(ends[0], trials),
+        odds_upper=_odds(ends[1], trials),
+        margin=margin,
+        equivalence_p=equal,
+        equivalence_p_adjusted=equal,
+        participant_sd=float(shares.std(ddof=1)) if len(people) > 1 else 0.0,
         verdict=_verdict(share, tested.p, equal, alpha),
         warnings=tuple(notes),
     )
@@ -388,7 +316,7 @@ def _judged(
     estimate: ClusteredShare | None, people: int, alpha: float, margin: float, *, one_way: bool
 ) -> _Judged:
     if estimate is None:
-        return _Judged(ShareTest("none: one participant", 1.0, 1.0, None, None))
+        return _Judged(ShareTest(None, None, 1.0, 1.0, "none: one participant"))
     clustered, independent, _ = (float(part) for part in estimate.p_parts())
     p = float(estimate.p_value())
     lower, upper = (float(end) for end in estimate.limits(1.0 - alpha))
@@ -404,7 +332,7 @@ def _judged(
         )
     t, df = (None, None) if agree else (float(estimate.score_t()), float(estimate.df))
     return _Judged(
-        test=ShareTest(test, p, p, t, df),
+        test=ShareTest(t, df, p, p, test),
         limits=(lower, upper),
         effective_n=float(people if agree else estimate.effective_n),
         equivalence_p=float(estimate.equivalence_p(margin)),
@@ -418,7 +346,7 @@ def cohens_h(share: float) -> float:
 
 
 def _adjusted(cells: Sequence[Preference], correction: str, alpha: float) -> tuple[Preference, ...]:
-    found = np.array([[cell.test.p, cell.equivalence.p] for cell in cells]).T
+    found = np.array([[cell.test.p, cell.equivalence_p] for cell in cells]).T
     adjusted = holm(found) if correction == "holm" else found
     return tuple(
         cell.adjusted(float(p), float(equivalence), alpha)

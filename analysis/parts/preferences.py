@@ -126,9 +126,9 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
                 notes.append(f"the primary comparison ({method} with {against}) has no decisions")
             else:
                 primary = preference(rows, *plan.primary, **how)
-        people = [max(cell.answers.participants for cell in cells.cells)]
+        people = [max(cell.participants for cell in cells.cells)]
         if primary is not None:  # of all sizes, whoever saw which
-            people = [primary.answers.participants, *people]
+            people = [primary.participants, *people]
         families = _families(primary is not None, len(cells.cells), plan)
         for family, those in zip(families, people, strict=False):
             notes += family.hopeless(those, plan.alpha)
@@ -233,7 +233,7 @@ def _estimate(cell: Preference, plan: PreferencePlan) -> Estimate:
         cell.estimate.lower,
         cell.estimate.upper,
         cell.test.p_adjusted,
-        cell.answers.trials,
+        cell.trials,
     )
 
 
@@ -260,7 +260,7 @@ def verdict(cell: Preference, plan: PreferencePlan) -> str:
 
 def apa_preference(cell: Preference, plan: PreferencePlan, *, adjusted: bool) -> str:
     """Return one comparison as an APA sentence."""
-    found, decided, equal = cell.estimate, cell.test, cell.equivalence
+    found, decided = cell.estimate, cell.test
     corrected = adjusted and plan.correction != "none"
     correction = f" ({plan.correction.title()}-adjusted)" * corrected
     test = decided.name
@@ -268,17 +268,18 @@ def apa_preference(cell: Preference, plan: PreferencePlan, *, adjusted: bool) ->
         test = t_text(decided.t, decided.df)
     text = (
         f"{plan.label(cell.method)} was chosen over {plan.label(cell.against)}"
-        f"{plan.at(cell.size, ' ({})', 'all sizes together')} in {cell.answers.chosen} of"
-        f" {cell.answers.trials} trials, {share(found.share)}, {level_text(found.level)}"
+        f"{plan.at(cell.size, ' ({})', 'all sizes together')} in {cell.chosen} of"
+        f" {cell.trials} trials, {share(found.share)}, {level_text(found.level)}"
         f" {share_range(found.lower, found.upper)}, {test},"
         f" {p_text(decided.p_adjusted if adjusted else decided.p)}{correction}, Cohen's h ="
-        f" {found.cohens_h:.2f}, OR = {big(found.odds_ratio)} [{big(found.odds_lower)},"
-        f" {big(found.odds_upper)}]."
+        f" {cell.cohens_h:.2f}, OR = {big(cell.odds_ratio)} [{big(cell.odds_lower)},"
+        f" {big(cell.odds_upper)}]."
     )
     if cell.verdict == "equivalent":
+        p = cell.equivalence_p_adjusted if adjusted else cell.equivalence_p
         text += (
-            f" The share was equivalent to .5 within ±{share(equal.margin)} (TOST,"
-            f" {p_text(equal.p_adjusted if adjusted else equal.p)}{correction})."
+            f" The share was equivalent to .5 within ±{share(cell.margin)} (TOST,"
+            f" {p_text(p)}{correction})."
         )
     return text
 
@@ -314,11 +315,11 @@ def _lead(primary: Preference, said: str, plan: PreferencePlan) -> tuple[Block, 
         "Sign-flip test of participants: {} (no smaller than {:.2g} with {})."
     ).format(
         strong(verdict(primary, plan)),
-        share(primary.equivalence.margin),
-        p_text(primary.equivalence.p),
-        p_text(primary.sensitivity.sign_flip_p),
-        primary.sensitivity.sign_flip_floor,
-        count_of(primary.answers.participants, "participant"),
+        share(primary.margin),
+        p_text(primary.equivalence_p),
+        p_text(primary.sign_flip_p),
+        primary.sign_flip_floor,
+        count_of(primary.participants, "participant"),
     )
     return (
         Box("Primary comparison", said, text),
@@ -339,14 +340,14 @@ def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
         f"Every comparison, p by {TESTS[plan.test][0]}{over}",
         cells,
         ResultColumn("Comparison", "l c", name),
-        ResultColumn("Chosen", "n", lambda c: f"{c.answers.chosen} / {c.answers.trials}"),
+        ResultColumn("Chosen", "n", lambda c: f"{c.chosen} / {c.trials}"),
         attribute("Share", "estimate.share", share, "strong"),
         *within(attrgetter("estimate"), (limits(level, share_range),)),
         ResultColumn("t(df)", "n", lambda c: t_number(c.test.t, c.test.df)),
         p_value("p", "test.p"),
         p_value("p adj.", "test.p_adjusted"),
-        attribute("h", "estimate.cohens_h"),
-        attribute("OR", "estimate.odds_ratio", big, "n"),
+        attribute("h", "cohens_h"),
+        attribute("OR", "odds_ratio", big, "n"),
         ResultColumn("Result", "l", lambda c: verdict(c, plan)),
     ).block()
     yield Paragraph(
@@ -362,15 +363,15 @@ def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
         cells,
         ResultColumn("Comparison", "l c", name),
         attribute("eff. n", "estimate.effective_n", "{:.0f}".format),
-        p_value("Sign-flip p", "sensitivity.sign_flip_p"),
-        attribute("Floor", "sensitivity.sign_flip_floor", "{:.2g}".format),
-        p_value(f"TOST p adj. (±{margin})", "equivalence.p_adjusted"),
-        attribute("SD of participants", "answers.participant_sd", share),
-        p_value("Pooled exact p", "sensitivity.exact_p"),
+        p_value("Sign-flip p", "sign_flip_p"),
+        attribute("Floor", "sign_flip_floor", "{:.2g}".format),
+        p_value(f"TOST p adj. (±{margin})", "equivalence_p_adjusted"),
+        attribute("SD of participants", "participant_sd", share),
+        p_value("Pooled exact p", "exact_p"),
         ResultColumn(
             "Clopper-Pearson",
             "n",
-            lambda c: share_range(c.sensitivity.exact_lower, c.sensitivity.exact_upper),
+            lambda c: share_range(c.exact_lower, c.exact_upper),
         ),
     ).block()
     yield Paragraph(

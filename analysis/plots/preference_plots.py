@@ -142,20 +142,19 @@ def forest_plot(
         axes, numbers = figure.subplots(
             1, 2, sharey=True, width_ratios=(1.0, 0.75 if width_in < 5 else 0.36)
         )
-        margin = cells[0].equivalence.margin
+        margin = cells[0].margin
         edge = (0.5 + margin) / (0.5 - margin)
         axes.axvspan(1 / edge, edge, color=LIGHT, lw=0, zorder=0)
         null_line(axes, 1.0)
         for y, cell in enumerate(cells):
             colour = {"preferred": BLUE, "rejected": ORANGE}.get(cell.verdict, GREY)
-            found = cell.estimate
-            interval(axes, y, found.odds_ratio, found.odds_lower, found.odds_upper, colour)
-            limits = f"[{_short(found.odds_lower)}, {_short(found.odds_upper)}]"
-            text = f"{_short(found.odds_ratio)} {limits}"
+            interval(axes, y, cell.odds_ratio, cell.odds_lower, cell.odds_upper, colour)
+            limits = f"[{_short(cell.odds_lower)}, {_short(cell.odds_upper)}]"
+            text = f"{_short(cell.odds_ratio)} {limits}"
             numbers.text(0.0, y, text, va="center")
         axes.set_xscale("log")
-        low = min(1 / edge, *(cell.estimate.odds_lower for cell in cells)) / 1.4
-        high = max(edge, *(cell.estimate.odds_upper for cell in cells)) * 1.4
+        low = min(1 / edge, *(cell.odds_lower for cell in cells)) / 1.4
+        high = max(edge, *(cell.odds_upper for cell in cells)) * 1.4
         axes.set_xlim(low, high)
         ticks = _odds_ticks(low, high, 4 if width_in < 5 else 6)
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])

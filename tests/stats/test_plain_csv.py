@@ -39,7 +39,7 @@ def test_a_table_of_pwcmp_is_read_by_naming_its_columns(table):
     assert list(rows["chosen"]) == ["ours", "ours", "pp"]
     assert list(rows["rejected"]) == ["pp", "pp", "ours"]
     assert list(rows["order"]) == [1, 2, 1]
-    assert preferences(rows).cells[0].answers.chosen == 2
+    assert preferences(rows).cells[0].chosen == 2
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])

@@ -265,6 +265,6 @@ def test_groups_of_people_at_one_size_each_are_counted_together(rng):
     shares = PreferencesPart().of(table, plan)
 
     assert found.planned[0].gap.p < 0.05
-    assert shares.primary.answers.participants == 10
+    assert shares.primary.participants == 10
     assert not [note for note in (*found.notes, *shares.notes) if "cannot be significant" in note]
     assert any("none of 2 comparisons can be significant" in note for note in shares.notes)

@@ -328,7 +328,7 @@ def test_sound_quality(expected: Answers, stats_data: Reader):
     significant = {
         test: sum(cell.test.p_adjusted < 0.05 for cell in found) for test, found in cells.items()
     }
-    exact = np.array([cell.sensitivity.exact_p for cell in cells["participant"]])
+    exact = np.array([cell.exact_p for cell in cells["participant"]])
     significant["pooled"] = int((holm(exact) < 0.05).sum())
     published = answer["Holm_sig_pairs"]
     assert significant["pooled"] == published["binomial"]
@@ -573,7 +573,7 @@ def two_sided_binomial(chosen: int, trials: int) -> float:
             "chosen": ["ours"] * chosen + ["theirs"] * (trials - chosen),
         }
     )
-    return preferences(rows).cells[0].sensitivity.exact_p
+    return preferences(rows).cells[0].exact_p
 
 
 def test_odour_ratings_at_every_criterion(expected: Answers):

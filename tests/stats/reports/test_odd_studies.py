@@ -104,5 +104,5 @@ def test_every_number_of_an_odd_study_is_finite(seed, proof_count, monkeypatch):
         for cell in found["preferences"].table.cells:
             assert 0 <= cell.estimate.lower <= cell.estimate.share <= cell.estimate.upper <= 1
             assert 0 <= cell.test.p <= cell.test.p_adjusted <= 1
-            if cell.answers.chosen in (0, cell.answers.trials) and cell.answers.participants > 1:
+            if cell.chosen in (0, cell.trials) and cell.participants > 1:
                 assert cell.test.p < 0.99
