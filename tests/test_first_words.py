@@ -23,7 +23,7 @@ HEADLESS = re.compile(rf"\s*{WORDS}", re.IGNORECASE)
 NAMELESS = re.compile(rf"\s*(?:(?:{VERBS})s?\s+)?{WORDS}", re.IGNORECASE)
 SUSPECT = re.compile(f"[\"']{NAMELESS.pattern}", re.IGNORECASE)  # of these alone we read the syntax
 TITLED = {
-    *("Column", "FileColumn", "ResultColumn"),
+    *("Column", "ResultColumn", "told"),
     *("ResultTable.of", "TableBlock.each", "TableBlock.of"),
 }  # what readers see
 COMMENT = re.compile(rf"(?://|\s*/\*\*) (?:{HEADS.title()})\b")

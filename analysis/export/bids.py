@@ -10,10 +10,11 @@ import pandas as pd
 
 from analysis.data_dictionary import SESSION_COLUMNS, attempt_columns
 from analysis.export.bids_events import (
-    FileColumn,
+    EVENT_COLUMNS,
     column_docs,
-    event_columns,
+    event_kinds,
     event_rows,
+    told,
     write_tsv,
 )
 from analysis.export.bids_gaze import write_gaze
@@ -26,6 +27,7 @@ from analysis.export.export_content import (
     write_json,
 )
 from analysis.export.public import gaze_source, scrub, system
+from protocols.columns import Column
 from protocols.disk.hashing import Json, sha256_json
 from protocols.display import Display
 from protocols.errors import StudyError
@@ -82,12 +84,10 @@ def _write_run(
     beh.mkdir(parents=True, exist_ok=True)
     about = _about(content, person, run, display)
     rows = event_rows(run, public=content.public, left_out=content.left_out)
-    described = event_columns(run)
+    described = [column for column in EVENT_COLUMNS if column.name in rows[0]]
     write_tsv(beh / f"{stem}_events.tsv", pd.DataFrame(rows, dtype=object), described)
-    write_json(
-        beh / f"{stem}_events.json",
-        about | {column.name: column.doc() for column in described if column.name in rows[0]},
-    )
+    kinds = {"trial_type": event_kinds(run)}
+    write_json(beh / f"{stem}_events.json", about | column_docs(described, kinds))
     attempts = content.tables.attempts
     mine = attempts[attempts["participant"] == person.code]
     table = mine
@@ -97,7 +97,7 @@ def _write_run(
     if len(table):
         known = attempt_columns(content.study)
         columns = [c for c in known if c.name in table and c.name not in _NOT_IN_BEH]
-        write_tsv(beh / f"{stem}_beh.tsv", table, [FileColumn.of(column) for column in columns])
+        write_tsv(beh / f"{stem}_beh.tsv", table, columns)
         write_json(beh / f"{stem}_beh.json", about | column_docs(columns))
     return write_gaze(content, beh, stem, person, run)
 
@@ -153,20 +153,16 @@ def _write_people(content: ExportedStudy, folder: Path) -> None:
         "runs": [len(person.runs) for person in people],
     }
     columns = [
-        FileColumn("participant_id", "Participant, as in the names of folders"),
-        FileColumn("code", "Pseudonymous code"),
-        FileColumn("species", "Species of the participant; not given for artificial observers"),
-        FileColumn("language", "Language of the session"),
-        FileColumn("gaze_source", "Source of gaze; 'none' where it was not watched"),
-        FileColumn("runs", "Runs of the program in this session"),
-        *(
-            FileColumn.of(c)
-            for c in SESSION_COLUMNS
-            if c.name not in _NOT_OF_PEOPLE and c.name in table
-        ),
+        told("participant_id", "Participant, as in the names of folders"),
+        told("code", "Pseudonymous code"),
+        told("species", "Species of the participant; not given for artificial observers"),
+        told("language", "Language of the session"),
+        told("gaze_source", "Source of gaze; 'none' where it was not watched"),
+        told("runs", "Runs of the program in this session"),
+        *(c for c in SESSION_COLUMNS if c.name not in _NOT_OF_PEOPLE and c.name in table),
     ]
     write_tsv(folder / "participants.tsv", table.assign(**extra), columns)
-    write_json(folder / "participants.json", {column.name: column.doc() for column in columns[1:]})
+    write_json(folder / "participants.json", column_docs(columns[1:]))
 
 
 def _source(start: SessionStart, content: ExportedStudy) -> str:
@@ -190,8 +186,8 @@ def _write_answers(content: ExportedStudy, folder: Path) -> None:
     }
     default = content.study.text.languages[content.study.text.default_language]
     asked |= {question.name: question.text for question in default.questions}
-    columns = [FileColumn("participant_id", "Participant")] + [
-        FileColumn(str(name), scrub(asked.get(str(name), str(name)), public=content.public))
+    columns = [told("participant_id", "Participant")] + [
+        told(str(name), scrub(asked.get(str(name), str(name)), public=content.public))
         for name in wide.columns[1:]
     ]
     (folder / "phenotype").mkdir()
@@ -201,7 +197,7 @@ def _write_answers(content: ExportedStudy, folder: Path) -> None:
     }
     write_json(
         folder / "phenotype" / "closing_questions.json",
-        tool | {column.name: column.doc() for column in columns[1:]},
+        tool | column_docs(columns[1:]),
     )
 
 
@@ -230,15 +226,15 @@ def _write_stimuli(content: ExportedStudy, folder: Path) -> None:
             }
         )
     columns = [
-        FileColumn("stimulus", "Its name"),
-        *(FileColumn(name, "Column of the stimuli's conditions") for name in recipe.columns()),
-        FileColumn("stimulus_sha256", "SHA-256 over the hashes of its frames, as in the manifest"),
-        FileColumn("frames", "Frames; a still has one"),
-        FileColumn("fps", "Frames per second; n/a for stills", "Hz"),
+        told("stimulus", "Its name"),
+        *(told(name, "Column of the stimuli's conditions") for name in recipe.columns()),
+        told("stimulus_sha256", "SHA-256 over the hashes of its frames, as in the manifest"),
+        told("frames", "Frames; a still has one"),
+        Column("fps", "number", "Hz", "Frames per second; n/a for stills"),
     ]
     (folder / "stimuli").mkdir()
     write_tsv(folder / "stimuli" / "clips.tsv", pd.DataFrame(rows), columns)
-    write_json(folder / "stimuli" / "clips.json", {column.name: column.doc() for column in columns})
+    write_json(folder / "stimuli" / "clips.json", column_docs(columns))
 
 
 def _description(content: ExportedStudy) -> dict[str, Json]:

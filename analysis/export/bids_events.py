@@ -4,8 +4,7 @@ Cells are separated by tabs, `n/a` where nothing is. An event has onset and kind
 one run of the program.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -28,40 +27,36 @@ from protocols.outside import page_bytes
 from protocols.tasks.confidence_question import CONFIDENCE
 
 NOTHING = "n/a"
+NO_LEVELS: Mapping[str, Mapping[str, str]] = {}
 
 
-@dataclass(frozen=True)
-class FileColumn:
-    """A column of a table, as its sidecar explains it."""
-
-    name: str
-    description: str
-    unit: str = ""
-    levels: tuple[tuple[str, str], ...] = ()
-
-    @classmethod
-    def of(cls, column: Column) -> "FileColumn":
-        """Return a column of the tidy tables; units are for numbers, BIDS takes them so."""
-        if column.kind == "text":
-            return cls(column.name, column.meaning + (f" ({column.unit})" if column.unit else ""))
-        return cls(column.name, column.meaning, column.unit)
-
-    def doc(self) -> dict[str, Json]:
-        """Return its entry in a sidecar."""
-        found: dict[str, Json] = {"Description": self.description}
-        if self.unit:
-            found["Units"] = self.unit
-        if self.levels:
-            found["Levels"] = dict(self.levels)
-        return found
+def told(name: str, meaning: str) -> Column:
+    """Return a column without a unit."""
+    return Column(name, "value", "", meaning)
 
 
-def column_docs(columns: Sequence[Column]) -> dict[str, Json]:
-    """Return the sidecar entries of tidy columns."""
-    return {column.name: FileColumn.of(column).doc() for column in columns}
+def column_docs(
+    columns: Sequence[Column], levels: Mapping[str, Mapping[str, str]] = NO_LEVELS
+) -> dict[str, Json]:
+    """Return the sidecar entries of columns; units are for numbers, BIDS takes them so.
+
+    `levels` explain values of a column, by its name.
+    """
+    found: dict[str, Json] = {}
+    for one in columns:
+        text = one.kind == "text"
+        own: dict[str, Json] = {
+            "Description": one.meaning + f" ({one.unit})" * (text and bool(one.unit))
+        }
+        if one.unit and not text:
+            own["Units"] = one.unit
+        if one.name in levels:
+            own["Levels"] = dict(levels[one.name])
+        found[one.name] = own
+    return found
 
 
-def write_tsv(path: Path, table: pd.DataFrame, columns: Sequence[FileColumn]) -> None:
+def write_tsv(path: Path, table: pd.DataFrame, columns: Sequence[Column]) -> None:
     """Write those of `columns` that the table has; cells lose tabs and line ends."""
     names = [column.name for column in columns if column.name in table]
     rows = ("\t".join(map(cell, row)) for row in table[names].itertuples(index=False))
@@ -91,29 +86,29 @@ _KINDS = (
     (CONFIDENCE, "The confidence in the answer is asked"),
     ("feedback", "Practice says whether the answer was right"),
 )
-_COLUMNS = (
-    FileColumn("onset", "Seconds since the program opened the journal in this run", "s"),
-    FileColumn("duration", "Duration; n/a for a moment", "s"),
-    FileColumn("trial_type", "Kind of event"),
-    FileColumn("response_time", "Time from the onset of a question to the key press", "s"),
-    FileColumn("trial", "Trial of the plan"),
-    FileColumn("attempt", "1 for the first attempt at this trial"),
-    FileColumn("position", "Number of this attempt in the session, from 0"),
-    FileColumn("block", "Block; 0 is practice"),
-    FileColumn("stimulus", "Stimulus shown, see stimuli/clips.tsv; several are joined by spaces"),
-    FileColumn("stimulus_sha256", "SHA-256 over the hashes of its frames"),
-    FileColumn("refreshes", "Refreshes of the display that it lasted"),
-    FileColumn("planned_refreshes", "Refreshes planned; n/a where the participant decides"),
-    FileColumn("dropped", "Refreshes at which nothing new could be shown"),
-    FileColumn("accuracy_deg", "Validations: mean angle between target and gaze", "deg"),
-    FileColumn("precision_deg", "Validations: angle from sample to sample, as RMS", "deg"),
-    FileColumn("outcome", "End of the attempt, or of the run of the program"),
-    FileColumn("note", "Text of a note"),
+EVENT_COLUMNS = (
+    Column("onset", "number", "s", "Seconds since the program opened the journal in this run"),
+    Column("duration", "number", "s", "Duration; n/a for a moment"),
+    told("trial_type", "Kind of event"),
+    Column("response_time", "number", "s", "Time from the onset of a question to the key press"),
+    told("trial", "Trial of the plan"),
+    told("attempt", "1 for the first attempt at this trial"),
+    told("position", "Number of this attempt in the session, from 0"),
+    told("block", "Block; 0 is practice"),
+    told("stimulus", "Stimulus shown, see stimuli/clips.tsv; several are joined by spaces"),
+    told("stimulus_sha256", "SHA-256 over the hashes of its frames"),
+    told("refreshes", "Refreshes of the display that it lasted"),
+    told("planned_refreshes", "Refreshes planned; n/a where the participant decides"),
+    told("dropped", "Refreshes at which nothing new could be shown"),
+    Column("accuracy_deg", "number", "deg", "Validations: mean angle between target and gaze"),
+    Column("precision_deg", "number", "deg", "Validations: angle from sample to sample, as RMS"),
+    told("outcome", "End of the attempt, or of the run of the program"),
+    told("note", "Text of a note"),
 )
 
 
-def event_columns(run: Run) -> tuple[FileColumn, ...]:
-    """Return the columns; what may have happened includes the phases of the run's task."""
+def event_kinds(run: Run) -> dict[str, str]:
+    """Return the meaning of kinds of events, phases of the run's task among them."""
     said = dict(_KINDS)
     for attempt in run.attempts:
         for phase in attempt.phases:
@@ -121,10 +116,7 @@ def event_columns(run: Run) -> tuple[FileColumn, ...]:
             said.setdefault(
                 phase.phase, f"Shows stimulus {numbers} of the trial" if numbers else "Blank"
             )
-    return tuple(
-        replace(column, levels=tuple(said.items())) if column.name == "trial_type" else column
-        for column in _COLUMNS
-    )
+    return said
 
 
 def event_rows(
@@ -139,7 +131,7 @@ def event_rows(
             rows.append(row)
     rows.sort(key=lambda row: float(str(row["onset"])))
     left_out |= {"note"} if public else set()
-    names = [column.name for column in _COLUMNS if column.name not in left_out]
+    names = [column.name for column in EVENT_COLUMNS if column.name not in left_out]
     return [{name: row.get(name) for name in names} for row in rows]
 
 

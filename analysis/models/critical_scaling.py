@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 import pandas as pd
 import scipy
 from scipy.special import expit, log_expit, logsumexp, ndtri
 
-from analysis.arrays import Floats
+from analysis.arrays import Floats, Ints
 from analysis.models.cells import checked, conditions, grid
 from analysis.models.contrasts import Difference, paired, pairs_of
 from analysis.models.curves.response import RATE_PRIOR
@@ -149,7 +150,7 @@ def fit_alone(trials: pd.DataFrame, *, column: str, rule: str) -> tuple[float, f
     (`PERSON_PRIOR_SD`) and the law of lapses (`response.RATE_PRIOR`).
     """
     rows, scalings = _prepare(trials, column)
-    right, shown = _counts(rows, scalings, column)
+    right, shown = (one[0] for one in _counts(rows, scalings, column, np.zeros(len(rows), int)))
     middle = np.log(np.sqrt(scalings.min() * scalings.max()))
 
     def loss(theta: Floats) -> float:
@@ -201,18 +202,13 @@ def critical_scaling(
     people = len(places.participants)
     if people < 2:
         raise ValueError(f"trials must hold two participants at least (found {people})")
-    right, shown = (np.zeros((people, scalings.size)) for _ in range(2))
-    at = (places.person, np.searchsorted(scalings, rows[column].to_numpy(float)))
-    np.add.at(shown, at, 1.0)
-    np.add.at(right, at, rows["correct"].to_numpy(dtype=np.float64))
+    right, shown = _counts(rows, scalings, column, places.person)
     log_s = np.arange(np.log(scalings[0]) - BEYOND, np.log(scalings[-1]) + BEYOND, STEP_SCALING)
     log_g = np.arange(np.log(GAINS[0]), np.log(GAINS[1]), STEP_GAIN)
 
-    table = _cached(
-        lambda rate: _log_likelihood(
-            scalings, right, shown, log_s[:, None], log_g[None, :], rate, rule
-        )
-    )
+    @lru_cache(maxsize=1)  # derivatives in the other parameters ask for it again and again
+    def table(rate: float) -> Floats:
+        return _log_likelihood(scalings, right, shown, log_s[:, None], log_g[None, :], rate, rule)
 
     def joint(theta: Floats) -> Floats:
         rate = float(expit(theta[4]))
@@ -334,12 +330,13 @@ def _prepare(trials: pd.DataFrame, column: str) -> tuple[pd.DataFrame, Floats]:
     return rows.assign(**{column: values}), scalings
 
 
-def _counts(rows: pd.DataFrame, scalings: Floats, column: str) -> tuple[Floats, Floats]:
-    at = np.searchsorted(scalings, rows[column].to_numpy(dtype=np.float64))
-    right = np.bincount(at, weights=rows["correct"].to_numpy(float), minlength=scalings.size)
-    return np.asarray(right, dtype=np.float64), np.bincount(at, minlength=scalings.size).astype(
-        float
-    )
+def _counts(rows: pd.DataFrame, scalings: Floats, column: str, person: Ints) -> Floats:
+    """Return right answers and trials (2, participants, scalings)."""
+    counts = np.zeros((2, int(person.max()) + 1, scalings.size))
+    at = (person, np.searchsorted(scalings, rows[column].to_numpy(dtype=np.float64)))
+    np.add.at(counts[0], at, rows["correct"].to_numpy(dtype=np.float64))
+    np.add.at(counts[1], at, 1.0)
+    return counts
 
 
 def _log_likelihood(
@@ -362,18 +359,6 @@ def _log_likelihood(
         np.tensordot(right, yes, (-1, -1)) + np.tensordot(shown - right, no, (-1, -1)),
         dtype=np.float64,
     )
-
-
-def _cached(function: Callable[[float], Floats]) -> Callable[[float], Floats]:
-    """Remember the last value: derivatives in the other parameters ask for it again and again."""
-    last: list[tuple[float, Floats]] = []
-
-    def call(rate: float) -> Floats:
-        if not last or last[0][0] != rate:
-            last[:] = [(rate, function(rate))]
-        return last[0][1]
-
-    return call
 
 
 def _log_weights(points: Floats, mean: float, sd: float, step: float) -> Floats:

@@ -549,8 +549,10 @@ def _model(
     inference: Inference,
 ) -> RatingModel:
     names, level = list(trials.given), inference.level
-    gaps = wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
-    gaps = [gap if _told(gap.difference, gap.standard_error) else unidentified(gap) for gap in gaps]
+    gaps = [
+        gap if _told(gap.difference, gap.standard_error) else unidentified(gap)
+        for gap in wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
+    ]
     tested = with_holm(
         [
             _ratio_p(trials, fit, (names.index(gap.first), names.index(gap.second)), gap.df,
@@ -561,6 +563,7 @@ def _model(
         ]
     )  # fmt: skip
     errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
+    located = np.concatenate([fit.theta, fit.beta])
     return RatingModel(
         link=trials.link,
         categories=tuple(trials.scale),
@@ -583,8 +586,8 @@ def _model(
         margins=margins(
             names,
             _from_middle(fit, len(names)),
-            np.concatenate([fit.theta, fit.beta]),
-            fit.covariance[: fit.theta.size + fit.beta.size, : fit.theta.size + fit.beta.size],
+            located,
+            fit.covariance[: located.size, : located.size],
             crossed.df,
             level=level,
             asked=asked or {},

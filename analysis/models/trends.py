@@ -120,17 +120,14 @@ def trend(
         rho, rho_p = map(
             float, scipy.stats.spearmanr(order, tied(np.asarray(value, dtype=np.float64)))
         )
+    mean, error, df, p, flipped = float(drift[0]) if drift.size else np.nan, *[np.nan] * 4
     if drift.size < 2:
         notes.append("fewer than two participants with three trials: no test between participants")
-        mean = float(drift[0]) if drift.size else np.nan
-        nan = np.nan
-        found = mean, nan, nan, nan, nan, nan, rho, rho_p, drift.size, drift, tuple(notes), nan
-        return Trend(outcome, *found)
-    mean, error, df, p = participant_t(drift)
-    t = mean / error if error > 0.0 else np.nan
-    if not np.isfinite(p):
-        p = sign_flip_p(drift)
-        notes.append("all participants changed alike: p is the sign-flip test's")
+    else:
+        (mean, error, df, p), flipped = participant_t(drift), sign_flip_p(drift)
+        if not np.isfinite(p):
+            p = flipped
+            notes.append("all participants changed alike: p is the sign-flip test's")
     reach = float(two_sided_quantile(level, df)) * error
     return Trend(
         outcome=outcome,
@@ -139,11 +136,11 @@ def trend(
         upper=mean + reach,
         df=df,
         p=p,
-        sign_flip_p=sign_flip_p(drift),
+        sign_flip_p=flipped,
         spearman_rho=rho,
         spearman_p=rho_p,
         participants=drift.size,
         changes=drift,
         warnings=tuple(notes),
-        t=t,
+        t=mean / error if error > 0.0 else np.nan,
     )

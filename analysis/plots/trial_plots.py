@@ -70,16 +70,9 @@ def heat_map(
             bar.set_label("Share")
         axes.invert_yaxis()
         for (row, column), value in np.ndenumerate(shares) if every == 1 else ():
-            text = "-" if np.isnan(value) else share(float(value))
-            axes.text(
-                column,
-                row,
-                text,
-                ha="center",
-                va="center",
-                color=_readable_on(cells.cmap(0.5 if np.isnan(value) else float(value))),
-                fontsize=size - 1,
-            )
+            text, place = ("-", 0.5) if np.isnan(value) else (share(float(value)), float(value))
+            colour = _readable_on(cells.cmap(place))
+            axes.text(column, row, text, ha="center", va="center", color=colour, fontsize=size - 1)
         axes.xaxis.tick_top()
         axes.set_xticks(range(len(columns)), columns, rotation=90 if upright else 0)
         axes.set_yticks(

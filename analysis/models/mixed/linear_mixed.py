@@ -102,16 +102,14 @@ def fit_linear_mixed(
     variance = at.squares / products.free
     residual = float(np.sqrt(variance))
     sds = residual * np.sqrt(best)
-    deviations: tuple[Deviation, ...] = ()
-    if level is not None:
-        deviations = products.deviations(list(groups), best, residual, names or {}, level)
+    profiled = partial(products.deviations, list(groups), best, residual, names or {})
     return LinearMixed(
         beta=at.beta,
         covariance=np.asarray(variance * np.linalg.inv(at.left), dtype=np.float64),
         sd=dict(zip(groups, sds.tolist(), strict=True)),
         residual_sd=residual,
         log_likelihood=-0.5 * products.profile(best)[0],
-        deviations=deviations,
+        deviations=() if level is None else profiled(level),
     )
 
 
