@@ -231,7 +231,7 @@ R = TypeVar("R", bound=PartResults)
 
 
 class Part(ABC, Generic[P, R]):
-    """A statistic: `P` are the settings that it reads, `R` its numbers."""
+    """A statistic: `P` is the plan that it reads, `R` its numbers."""
 
     name: ClassVar[str]
     """Name in `results.json`."""

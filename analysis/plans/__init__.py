@@ -1,1 +1,1 @@
-"""Plans of analyses: settings from a protocol, or from the options of a table. Parts read these."""
+"""Plans of analyses: the section of a study or of a table, and what it is about. Parts read these."""
