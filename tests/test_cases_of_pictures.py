@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import odd_pictures as odd
 import pytest
+from command_line import outcome_of
 from PIL import Image
-from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
@@ -22,15 +22,10 @@ from pipeline.pictures.warp_input import load_warp_input
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import PAIR_WARP, load_pair
 from stimuli.warp.one_frame import warp_and_fill
-from study_app.cli import app
 
 HEIGHT, WIDTH = 192, 256
 HOLES = "holes 4.45 % of the frame"
-
-
-def run(*arguments) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, ["warp", *map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
+run = outcome_of("warp")
 
 
 def noise(seed):

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from command_line import outcome_of, refusal_of
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -25,19 +26,8 @@ from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64
 FAST = ("--numpy",)  # OpenGL has tests of its own
-
-
-def run(*arguments) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, ["foveate", *map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
-
-
-def refusal(*arguments) -> str:
-    code, _, said = run(*arguments)
-    assert code == 2, said
-    assert said.startswith("error: "), said
-    assert "Traceback" not in said
-    return said
+run = outcome_of("foveate")
+refusal = refusal_of("foveate")
 
 
 @pytest.fixture

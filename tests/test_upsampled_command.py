@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import result_of
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat, eccentricity_deg, pixel_centres
@@ -11,14 +11,10 @@ from pipeline.pictures.colour_file import load_colour, save_colour
 from pipeline.pictures.decode import read_pixels
 from pipeline.pictures.warp_input import WarpInput, save_warp_input
 from stimuli.warp.upsampled import DOT, FRAMES, Eye, crops_of
-from study_app.cli import app
 
 HEIGHT, WIDTH = 72, 96
 GAZE = (30.0, 40.0)
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, ["warp", *map(str, arguments)], catch_exceptions=False)
+run = result_of("warp", catch_exceptions=False)
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import sys
 
 import numpy as np
 import pytest
+from command_line import outcome_of, refusal_of
 from PIL import Image
-from typer.testing import CliRunner
 
 from pipeline.frame import SourceFrame
 from pipeline.methods.registry import METHODS
@@ -19,23 +19,11 @@ from pipeline.pictures.warp_input import WarpInput, save_warp_input
 from pipeline.pictures.write import write_pixels
 from stimuli.warp.one_frame import warp_and_fill
 from stimuli.warp.warp_steps import metameric_steps
-from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64
 CPU_METHODS = ["telea", "navier-stokes", "oiio-push-pull", "background-extension"]
-
-
-def run(*arguments) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, ["warp", *map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
-
-
-def refusal(*arguments) -> str:
-    code, _, said = run(*arguments)
-    assert code == 2, said
-    assert said.startswith("error: "), said
-    assert "Traceback" not in said
-    return said
+run = outcome_of("warp")
+refusal = refusal_of("warp")
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import outcome_of, refusal_of
 from number_files import write_flo
-from typer.testing import CliRunner
 
 from pipeline.camera import UPRIGHT, Camera, flow_between
 from pipeline.errors import InputError
@@ -22,21 +22,10 @@ from pipeline.pictures.warp_input import (
 from pipeline.pictures.write import write_pixels
 from pipeline.warp.gpu import warp_frame
 from stimuli.scenes.stereo import load_pair
-from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64
-
-
-def run(*arguments) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, ["warp", *map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
-
-
-def refusal(*arguments) -> str:
-    code, _, said = run(*arguments)
-    assert code == 2, said
-    assert said.startswith("error: "), said
-    return said
+run = outcome_of("warp")
+refusal = refusal_of("warp")
 
 
 @pytest.fixture

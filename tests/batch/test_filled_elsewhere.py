@@ -7,21 +7,16 @@ import shutil
 
 import numpy as np
 import pytest
+from command_line import outcome_of
 from PIL import Image
-from typer.testing import CliRunner
 
 from pipeline.pictures.decode import read_pixels
 from stimuli.batch.build import build
 from stimuli.media.png import decode_png
 from stimuli.media.video import write_video
-from study_app.cli import app
 
 MOTORCYCLE = 'name = "motorcycle"\n'
-
-
-def run(*arguments) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, [*map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
+run = outcome_of()
 
 
 def table(folder) -> list[dict[str, str]]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from command_line import outcome_of
 from pydantic import ValidationError
-from typer.testing import CliRunner
 
 from pipeline.pictures.write import write_pixels
 from protocols.load import shipped
@@ -13,17 +13,12 @@ from protocols.manifest import read_manifest
 from protocols.recipes.warped_clips import BuiltinScene, Clips
 from stimuli.batch.build import build
 from stimuli.media.png import decode_png
-from study_app.cli import app
 
 CLIP_PX = (96, 64)  # width, height
 MARGIN_PX = (12, 8)
 FILE_PX = (CLIP_PX[0] + 2 * MARGIN_PX[0], CLIP_PX[1] + 2 * MARGIN_PX[1])
 JUMP_PX = 6  # of the near square, from file to file
-
-
-def run(*arguments) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, [*map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
+run = outcome_of()
 
 
 def write_sequence(folder, frames: int, size_px: tuple[int, int]) -> list[np.ndarray]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import result_of
 
 from pipeline.errors import InputError
 from pipeline.pictures.colour_file import save_colour
@@ -20,11 +20,8 @@ from protocols.errors import StudyError
 from stimuli.media.frames_folder import SILENT
 from stimuli.media.picture_files import save_pictures
 from stimuli.media.video import unpacked_video, write_video
-from study_app.cli import app
 
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(each) for each in arguments], catch_exceptions=False)
+run = result_of(catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from command_line import outcome_of
 from number_files import load_plane
 from PIL import Image
-from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from pipeline.pictures.colour_file import load_colour, save_colour
@@ -19,14 +19,9 @@ from pipeline.pictures.write import write_pixels
 from protocols.load import load_protocol
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import StereoPair, built_in_pair, load_pair
-from study_app.cli import app
 
 ANY_OFFSET = 1e9
-
-
-def run(*arguments) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, [*map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
+run = outcome_of()
 
 
 @pytest.fixture(scope="module")

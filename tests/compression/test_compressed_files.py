@@ -5,9 +5,9 @@ import zlib
 
 import numpy as np
 import pytest
+from command_line import outcome_of
 from PIL import Image
 from skimage import data
-from typer.testing import CliRunner
 
 from pipeline.compression import compressed_file
 from pipeline.compression.codec import CompressionSettings, compress, decompress
@@ -15,12 +15,8 @@ from pipeline.errors import InputError
 from stimuli.compress.compress_files import compress_file
 from stimuli.media.frames_folder import Reporter
 from stimuli.media.video import unpacked_video, write_video
-from study_app.cli import app
 
-
-def run(*arguments):
-    result = CliRunner().invoke(app, [*map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
+run = outcome_of()
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ import json
 import denoising_networks as unet
 import numpy as np
 import pytest
+from command_line import outcome_of
 from PIL import Image
 from skimage import data
-from typer.testing import CliRunner
 
 from pipeline.denoising.maps import maps_of
 from pipeline.denoising.network import (
@@ -26,7 +26,6 @@ from pipeline.foveation.pooling import MetamerSettings, Pooling, Pools
 from pipeline.foveation.reference import metamer
 from pipeline.pictures.decode import read_pixels
 from stimuli.denoise.denoise_files import Denoiser
-from study_app.cli import app
 
 pytest.importorskip("onnxruntime", reason="needs the extra `onnx`")
 onnx = pytest.importorskip("onnx", reason="needs the package onnx, of the extra `dev`")
@@ -259,9 +258,7 @@ def test_shipped_networks_take_noise_away(kind):
     assert np.abs(found - clean)[16:-16, 16:-16].mean() < 0.67 * np.abs(noisy - clean).mean()
 
 
-def run(*arguments):
-    result = CliRunner().invoke(app, ["denoise", *map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
+run = outcome_of("denoise")
 
 
 @pytest.fixture

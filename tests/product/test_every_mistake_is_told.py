@@ -12,12 +12,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import result_of
 
 from pipeline.frame import SourceFrame
 from pipeline.pictures.warp_input import WarpInput, save_warp_input
 from protocols.load import shipped
-from study_app.cli import app
 
 MESH = (
     '[[stimuli.scenes]]\nname = "place"\nkind = "mesh"\nfile = "{}"\n'
@@ -137,10 +136,7 @@ TABLES = {
     "an empty table": ("participant,first,second,chosen\n", "at least one decision"),
     "not a table": ("", "must be a CSV table"),
 }
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(each) for each in arguments], catch_exceptions=False)
+run = result_of(catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")

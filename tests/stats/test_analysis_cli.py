@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
+from command_line import result_of
 from typer.testing import CliRunner, Result
 from undrawn_reports import undrawn
 
@@ -15,9 +16,7 @@ from protocols.disk.result_folder import LISTING
 from protocols.study_file.new_study import preferences_of
 from study_app.cli import app
 
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["analysis", *map(str, arguments)])
+run = result_of("analysis")
 
 
 @pytest.fixture(scope="module")

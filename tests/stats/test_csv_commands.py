@@ -9,16 +9,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import result_of
 from scipy.stats import norm
 from typer.main import get_group
-from typer.testing import CliRunner, Result
 
 from analysis.tasks import analysis_of
-from study_app.cli import analysis_commands, app
+from study_app.cli import analysis_commands
 
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["analysis", *map(str, arguments)], env={"COLUMNS": "200"})
+run = result_of("analysis", env={"COLUMNS": "200"})
 
 
 @pytest.fixture(scope="module")

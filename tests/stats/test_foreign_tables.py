@@ -9,12 +9,11 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from attack.readers import write_ods
-from typer.testing import CliRunner
+from command_line import result_of
 
 from analysis.tables.spreadsheet import read_spreadsheet
 from analysis.tables.table import Table
 from protocols.errors import StudyError
-from study_app.cli import app
 
 MAP = ("--map", "participant=Vpn", "--map", "first=A", "--map", "second=B")
 PLAIN = [
@@ -24,11 +23,7 @@ PLAIN = [
     ("Änne", "ours", "blur", "blur", "2", "Haus"),
     ("Änne", "blur", "ours", "ours", "0.75", "Haus"),
 ]
-
-
-def run(*arguments):
-    words = [str(each) for each in arguments]
-    return CliRunner().invoke(app, words, catch_exceptions=False)
+run = result_of(catch_exceptions=False)
 
 
 def text_of(rows, separator=","):

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import result_of
 from scipy.stats import norm
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from analysis.models.cells import conditions
 from analysis.parts.correct import below_guessing, curve_mistake
@@ -21,12 +22,8 @@ from analysis.tables.table import Table
 from analysis.tables.trials import read_times, read_trials
 from protocols.errors import StudyError
 from protocols.tasks.rates import name_of
-from study_app.cli import app
 
-
-def run(*arguments: object) -> Result:
-    words = ["analysis", *map(str, arguments)]
-    return CliRunner().invoke(app, words, env={"COLUMNS": "200"}, catch_exceptions=False)
+run = result_of("analysis", env={"COLUMNS": "200"}, catch_exceptions=False)
 
 
 def said(done: Result) -> str:

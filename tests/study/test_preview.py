@@ -11,20 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import result_of
 from study_texts import short_study
-from typer.testing import CliRunner
 
 from pipeline.pictures.drawing import save_picture
 from protocols.load import load_study, shipped
 from protocols.make_script import example_scripts
 from protocols.tasks.task_kinds import TASKS
-from study_app.cli import app
 from study_app.preview import MARK, preview_page
 from study_app.text_image import UnwritableError, typeface_for
 
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(each) for each in arguments], catch_exceptions=False)
+run = result_of(catch_exceptions=False)
 
 
 def escape(text: str) -> str:

@@ -10,20 +10,17 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from typer.testing import CliRunner, Result
+from command_line import result_of
+from typer.testing import Result
 
 from protocols.feasibility import virtual_manifest
 from protocols.formats.format_reference import schema_path
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
-from study_app.cli import app
 
 DEMO = shipped("studies")["demo"].read_text(encoding="utf-8")
-
-
-def metamerlab(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(entry) for entry in arguments], terminal_width=100)
+metamerlab = result_of(terminal_width=100)
 
 
 def refused(result: Result) -> str:

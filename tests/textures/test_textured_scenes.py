@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from command_line import outcome_of
 from PIL import Image
 from scipy.interpolate import griddata
-from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
@@ -18,7 +18,6 @@ from pipeline.textures.reference import shade
 from pipeline.textures.surface_noise import surface_noise
 from stimuli.texture.draw_globes import TexturedRenderer
 from stimuli.texture.scenes import SCENES, Globe, TexturedScene, planet_map
-from study_app.cli import app
 
 EDGE_PX = 96
 GAZE_PX = (30.0, 40.0)
@@ -113,9 +112,7 @@ def test_the_planet_s_map_goes_round():
     assert across < 1.5 * inside
 
 
-def run(*arguments):
-    result = CliRunner().invoke(app, [*map(str, arguments)], catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
+run = outcome_of()
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from command_line import result_of
 from task_cases import CASES, case_text
-from typer.testing import CliRunner, Result
 from web_kernel import running_kernel
 from web_study import FHD, BuiltWebStudy, with_pixels
 
@@ -16,14 +16,10 @@ from protocols.browser.web_study import WebStudy
 from protocols.errors import StudyError
 from protocols.load import load_protocol, load_study
 from protocols.manifest import read_manifest
-from study_app.cli import app
 from study_app.web import jzip
 
 WEB = '\n[web]\ngaze = "none"\ntolerance_s = 0.01\ncompletion_code = "C0DE"\n'
-
-
-def metamerlab(*words: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in words], terminal_width=200)
+metamerlab = result_of(terminal_width=200)
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import result_of
 from scipy import stats
-from typer.testing import CliRunner
 from undrawn_reports import undrawn
 
 from analysis.models.cells import checked, grid
@@ -22,7 +22,6 @@ from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
 from protocols.errors import StudyError
 from protocols.load import load_protocol
-from study_app.cli import app
 
 
 def pairs(rng, *, people=10, scenes=6, repeats=2, apart=False, large=1.0, own=0.5):
@@ -118,8 +117,7 @@ def test_where_nothing_changes_it_is_seldom_found(rng, apart):
     assert np.mean(np.array(found) < 0.05) <= 0.1
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, [*map(str, arguments)], env={"COLUMNS": "300"})
+run = result_of(env={"COLUMNS": "300"})
 
 
 def imported(table, folder, *options):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner, Result
+from command_line import result_of
 
 from analysis.models import scaling
 from analysis.models.logistic import glm_logit, models_beside
@@ -30,14 +30,10 @@ from analysis.plans.table_sections import RatingTableSection
 from analysis.plots import reaction_plot
 from analysis.report.values import as_json
 from analysis.tasks import analysis_of
-from study_app.cli import app
 
 SCALE = ["bad", "poor", "fair", "good", "excellent"]
 STEPS = ",".join(SCALE)
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["analysis", *map(str, arguments)], env={"COLUMNS": "200"})
+run = result_of("analysis", env={"COLUMNS": "200"})
 
 
 @pytest.fixture(scope="module")

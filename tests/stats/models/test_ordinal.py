@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import result_of
 from scipy import integrate, stats
-from typer.testing import CliRunner, Result
 
 from analysis.models.ordinal import (
     RandomFactor,
@@ -18,7 +18,6 @@ from analysis.models.ordinal import (
     rating_model,
     superiority,
 )
-from study_app.cli import app
 
 FOLDER = Path(__file__).parents[1] / "oracles"
 ORACLE = json.loads((FOLDER / "oracle_times.json").read_text())
@@ -174,8 +173,7 @@ def test_more_than_a_shift_is_noted():
     assert any("more than a shift" in note for note in rating_model(rows, ("method",)).warnings)
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["analysis", *map(str, arguments)], env={"COLUMNS": "200"})
+run = result_of("analysis", env={"COLUMNS": "200"})
 
 
 @pytest.mark.slow

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import result_of
 from task_cases import case_text
-from typer.testing import CliRunner
 from web_study import WEB_CASES
 
 from analysis.parts import Part, computed
@@ -21,14 +21,10 @@ from analysis.tasks import KINDS, analysis_of, planning_notes
 from protocols.load import load_protocol
 from protocols.tasks.single import RightOrWrong
 from protocols.tasks.task_kinds import TASKS
-from study_app.cli import app
 
 ROOT = Path(__file__).parents[3]
 DEMO = (ROOT / "protocols" / "studies" / "demo.toml").read_text()
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [*map(str, arguments)], env={"COLUMNS": "400"})
+run = result_of(env={"COLUMNS": "400"})
 
 
 def test_a_family_needs_as_many_participants_as_are_said():

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner, Result
+from command_line import result_of
 
 from analysis.models.preference import preferences
 from analysis.parts import computed
@@ -23,12 +23,7 @@ from protocols.blocks import grouped
 from protocols.errors import StudyError
 
 METHODS = {"blur": 0.0, "dithered": 0.2, "none": 0.5, "ours": 1.2}
-
-
-def run(*arguments: object) -> Result:
-    from study_app.cli import app
-
-    return CliRunner().invoke(app, ["analysis", *map(str, arguments)], env={"COLUMNS": "200"})
+run = result_of("analysis", env={"COLUMNS": "200"})
 
 
 @pytest.fixture(scope="module")

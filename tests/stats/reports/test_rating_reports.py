@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner, Result
+from command_line import result_of
 
 from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.parts.ratings import RatingsPart
@@ -21,12 +21,7 @@ from protocols.errors import StudyError
 
 SCALE = ("bad", "fair", "good", "best")
 SHIFT = {"ours": 1.2, "blur": 0.0, "fill": 0.5}
-
-
-def run(*arguments: object) -> Result:
-    from study_app.cli import app
-
-    return CliRunner().invoke(app, ["analysis", *map(str, arguments)], env={"COLUMNS": "200"})
+run = result_of("analysis", env={"COLUMNS": "200"})
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import result_of
 from made_up_trials import (
     TaskDesign,
     simulate_abx,
@@ -21,7 +22,6 @@ from made_up_trials import (
 )
 from scipy import stats
 from study_texts import files_recipe, short_study
-from typer.testing import CliRunner, Result
 from undrawn_reports import drawn_narrow, undrawn
 from well_formed import check_well_formed
 
@@ -39,7 +39,6 @@ from protocols.answer_rules import answer_rule
 from protocols.errors import StudyError
 from protocols.load import load_display, load_protocol
 from protocols.study_file.schema import StudyProtocol
-from study_app.cli import app
 from study_app.observers import default_model
 from study_app.simulate import SimulatedStudy, simulate_study
 
@@ -540,8 +539,7 @@ def test_odd_studies_give_reports_without_nonsense(tmp_path, kind, change):
 # Tables of other tools.
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["analysis", *map(str, arguments)])
+run = result_of("analysis")
 
 
 @pytest.fixture

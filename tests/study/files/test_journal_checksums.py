@@ -8,7 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from command_line import result_of
 
 from analysis.export import ExportOptions
 from analysis.export.write_export import export_study
@@ -18,7 +18,6 @@ from protocols.errors import StudyError
 from protocols.journal import Attempt, Note, event_line
 from protocols.journal_file import due, first_link, line_sum, read_journal, sealed
 from protocols.load import load_display, load_protocol
-from study_app.cli import app
 from study_app.recorder import Recorder
 from study_app.session_folders import find_sessions
 from study_app.simulate import SimulatedStudy, simulate_session, simulate_study
@@ -27,10 +26,7 @@ from study_app.virtual import VirtualClock
 
 DEMO = load_protocol(Path("demo"))
 DISPLAY = load_display(DEMO.display.display)
-
-
-def metamerlab(*arguments: object):
-    return CliRunner().invoke(app, [str(entry) for entry in arguments], terminal_width=200)
+metamerlab = result_of(terminal_width=200)
 
 
 @pytest.fixture

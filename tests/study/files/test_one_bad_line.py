@@ -9,13 +9,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from command_line import result_of
 from rich.table import Table
-from typer.testing import CliRunner
 
 from analysis.tidy import read_sessions
 from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol
-from study_app.cli import app
 from study_app.cli.terminal import PlainConsole, say, visible
 from study_app.session_folders import find_sessions, next_slot
 from study_app.simulate import SimulatedStudy, simulate_session
@@ -38,10 +37,7 @@ BAD = {
     "bytes": lambda line: b"\xff\xfe\x00" + line,
     "empty": lambda _: b"",
 }
-
-
-def metamerlab(*arguments: object):
-    return CliRunner().invoke(app, [str(entry) for entry in arguments], terminal_width=200)
+metamerlab = result_of(terminal_width=200)
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from command_line import outcome_of
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
@@ -14,11 +15,7 @@ from protocols.load import load_display, protocol_of, read_toml, shipped
 from protocols.study_file.plausible import display_notes
 from study_app.cli import app
 
-
-def check(*arguments) -> tuple[int, str, str]:
-    words = ["protocol", "check", *map(str, arguments)]
-    result = CliRunner().invoke(app, words, catch_exceptions=False)
-    return result.exit_code, result.stdout, result.stderr
+check = outcome_of("protocol", "check")
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from command_line import result_of
 from typer.testing import CliRunner
 
 from protocols.disk.hashing import sha256_bytes
@@ -21,10 +22,7 @@ from study_app.cli import app, new_study_command
 from study_app.simulate import SimulatedStudy, simulate_session
 
 SECRET = "a secret of the lab"
-
-
-def session(*words: object):
-    return CliRunner().invoke(app, ["session", *map(str, words)], terminal_width=200)
+session = result_of("session", terminal_width=200)
 
 
 @pytest.fixture(scope="module")

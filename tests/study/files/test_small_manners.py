@@ -7,8 +7,8 @@ import shlex
 
 import numpy as np
 import pytest
+from command_line import result_of
 from rich.table import Table
-from typer.testing import CliRunner
 
 from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError
@@ -18,7 +18,6 @@ from protocols.load import load_display, load_protocol, shipped
 from protocols.study_file.preregister import preregistration, to_markdown
 from protocols.study_file.session_schema import key_label
 from study_app import simulate
-from study_app.cli import app
 from study_app.cli.sessions.session_commands import _data_of
 from study_app.cli.terminal import PlainConsole
 from study_app.conduct import Dialogue
@@ -40,8 +39,7 @@ def with_texts(study, texts):
     )
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, [str(entry) for entry in arguments])
+run = result_of()
 
 
 def test_an_interrupted_simulation_says_that_it_goes_on_and_does(tmp_path, monkeypatch):
