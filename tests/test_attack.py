@@ -1,7 +1,5 @@
 """No harmed file is more than one message; and the tool that harms them finds what falls."""
 
-from __future__ import annotations
-
 import faulthandler
 import json
 import math

@@ -1,7 +1,5 @@
 """The code weighs no more than `budgets.toml` says."""
 
-from __future__ import annotations
-
 import io
 import subprocess
 import tokenize

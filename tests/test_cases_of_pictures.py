@@ -4,8 +4,6 @@ One scene: background with 4 px of disparity, before it a square with 20. True h
 the picture, with a rim of one pixel.
 """
 
-from __future__ import annotations
-
 import struct
 
 import cv2

@@ -1,7 +1,5 @@
 """`metamerlab demo`: the commands of a whole study on a few small clips, and the page of all."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """Commands, links and texts of README and docs are true."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

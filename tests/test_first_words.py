@@ -3,8 +3,6 @@
 A line in a list of functions, keys or options is found by its first word.
 """
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -1,7 +1,5 @@
 """The options and fixtures of conftest.py do what they promise."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -4,8 +4,6 @@ It is installed without a network beside the packages that the tests run with; n
 checkout can be imported there.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

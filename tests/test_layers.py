@@ -1,7 +1,5 @@
 """Layers: the imports of each package, read from the sources without running them."""
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections import Counter

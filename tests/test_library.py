@@ -1,7 +1,5 @@
 """Calls that `import metamerlab` offers: each there, typed, and shown by an example that runs."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

@@ -1,7 +1,5 @@
 """Names of public classes, functions, types and modules stand for one thing each, everywhere."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import Counter, defaultdict

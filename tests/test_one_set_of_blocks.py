@@ -1,7 +1,5 @@
 """All pages that are written share one template, one style and one set of blocks."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Wheel for users: it holds what they need and nothing else."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -3,8 +3,6 @@
 `tests/presenter/test_a_labs_study.py` runs a whole study with it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import inspect

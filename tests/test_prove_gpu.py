@@ -1,7 +1,5 @@
 """The proof of a graphics card, tried on the software renderer."""
 
-from __future__ import annotations
-
 import json
 import os
 import resource

@@ -1,7 +1,5 @@
 """References in docstrings, comments and shaders lead to what is there."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

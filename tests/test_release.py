@@ -1,7 +1,5 @@
 """`script/release` in a scratch clone: what it writes, what it refuses, what it takes back."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

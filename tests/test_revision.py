@@ -1,7 +1,5 @@
 """The revision that results carry names the code that made them."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Behaviour of script/lib.sh on machines that lack something, on a machine made of fakes."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

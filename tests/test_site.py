@@ -1,7 +1,5 @@
 """The site: every page is in it, every link leads somewhere, nothing is fetched from outside."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import re

@@ -1,7 +1,5 @@
 """Every command of the tutorials runs, in its order, and what they tell is so."""
 
-from __future__ import annotations
-
 import random
 import re
 from pathlib import Path

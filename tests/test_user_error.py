@@ -1,7 +1,5 @@
 """A user's mistake has one root, which the command line catches."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

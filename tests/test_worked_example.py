@@ -1,7 +1,5 @@
 """The task that docs/architecture.md writes from end to end, installed and run as a package."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """A study so small that it builds in seconds: a box before a wall, and the stereo pair."""
 
-from __future__ import annotations
-
 from concurrent.futures import Executor, Future
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A fill method of another package in clips of the shipped recipe, which other processes build."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

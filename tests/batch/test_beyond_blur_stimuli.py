@@ -1,7 +1,5 @@
 """The stimuli of the Beyond Blur studies: rings to half a pixel, cuts, built-in pictures."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

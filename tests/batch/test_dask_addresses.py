@@ -1,7 +1,5 @@
 """Places of a cluster: certificates, and addresses where something else listens."""
 
-from __future__ import annotations
-
 import shutil
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Pictures and videos that were made elsewhere, taken into hashed clips: the recipe `files`."""
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

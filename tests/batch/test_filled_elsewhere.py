@@ -1,7 +1,5 @@
 """Holes go out to another program, and its frames come back into the right clips."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 

@@ -1,7 +1,5 @@
 """Stills of `foveated-images`: rings and cuts in place, hashed, resumed."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

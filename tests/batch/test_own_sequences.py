@@ -1,7 +1,5 @@
 """An OpenEXR sequence is shown as it is: its own motion, its own holes, pixel for pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from command_line import outcome_of

@@ -1,7 +1,5 @@
 """Previews before a study: a video of each clip, and one page of all of them."""
 
-from __future__ import annotations
-
 import json
 import re
 import resource

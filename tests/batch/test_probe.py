@@ -1,7 +1,5 @@
 """The probes on clips that were spoiled on purpose, by the command."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Clips that a build made are scored as they are: masks, references, times."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

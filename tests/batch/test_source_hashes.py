@@ -1,7 +1,5 @@
 """Dependence of a clip's hash: on its own sources, and no others."""
 
-from __future__ import annotations
-
 import ast
 import time
 from concurrent.futures import ThreadPoolExecutor

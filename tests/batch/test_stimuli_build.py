@@ -1,7 +1,5 @@
 """A whole batch: built, killed, resumed, checked, and refused where it must be."""
 
-from __future__ import annotations
-
 import dataclasses
 import errno
 import itertools

@@ -1,7 +1,5 @@
 """Options of a protocol for its clips, and a real 3D scene through the whole path."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

@@ -1,7 +1,5 @@
 """The opening figure of a paper: where it looks, and what stands in it."""
 
-from __future__ import annotations
-
 import io
 import re
 

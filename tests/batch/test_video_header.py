@@ -1,7 +1,5 @@
 """Statements of a video's header: honoured, refused with a cure that works, or noted."""
 
-from __future__ import annotations
-
 import shlex
 import shutil
 import struct

@@ -1,7 +1,5 @@
 """Videos go in where folders of frames do, and come out."""
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

@@ -1,7 +1,5 @@
 """Work without OpenGL 4.3, as on macOS: numpy makes what is made of photographs."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 

@@ -1,7 +1,5 @@
 """A stereo pair whose files do not belong together is refused by name of the mistake."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

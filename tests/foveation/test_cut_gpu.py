@@ -1,7 +1,5 @@
 """The cut through the gaze on the GPU against its twin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

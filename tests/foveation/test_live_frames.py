@@ -1,7 +1,5 @@
 """Live pictures on a virtual clock: the pixels of `foveate`, and logs that are drawn again."""
 
-from __future__ import annotations
-
 import errno
 import json
 import math

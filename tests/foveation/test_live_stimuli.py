@@ -1,7 +1,5 @@
 """Stimuli that follow the gaze, in trials on a virtual display: pixels, logs, planted faults."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import itertools

@@ -5,8 +5,6 @@ with these numbers (questplus, SweetSpot, psychopy, and `asap_cpu` of ASAP's aut
 `benchmarks/results/adaptive.json`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A study so small that it builds in seconds, for whoever builds it, in a test or an attack."""
 
-from __future__ import annotations
-
 import base64
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Cameras by their field of view, and the way back from a picture into the world."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -3,8 +3,6 @@
 No library is needed: a message is JSON, and ends with a zero byte.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import select

@@ -7,8 +7,6 @@ way up. The networks for moments and for colour differ in the last layer's chann
 `weights` are pairs (kernel, bias), kernels of shape (out, in, 3, 3).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict

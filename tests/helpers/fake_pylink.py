@@ -1,7 +1,5 @@
 """Stands for SR Research's pylink, and for the Host PC behind it, at the pace of a test's clock."""
 
-from __future__ import annotations
-
 from collections import deque
 from pathlib import Path
 

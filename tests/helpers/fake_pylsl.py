@@ -1,7 +1,5 @@
 """Stands for pylsl, with one stream of gaze behind it, at the pace of a test's clock."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

@@ -4,8 +4,6 @@
 Do so only for a number that is meant to change.
 """
 
-from __future__ import annotations
-
 import html
 import json
 import re

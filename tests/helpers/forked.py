@@ -5,8 +5,6 @@ in a process of its own: arguments, environment, folder, output, signals, exit. 
 reads, and when, is for tests that start Python itself.
 """
 
-from __future__ import annotations
-
 import atexit
 import json
 import os

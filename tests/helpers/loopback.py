@@ -1,7 +1,5 @@
 """A folder on a loopback port of its own, for a browser that this program drives."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Files of numbers a pixel, read as they are stored and written as programs write them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Small image files whose headers say one thing more than their pixels, byte by byte."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib

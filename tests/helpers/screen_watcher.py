@@ -5,8 +5,6 @@ clip, and the file in which it says which number it read last. Prints "number ha
 picture that appears whole, until its standard input closes.
 """
 
-from __future__ import annotations
-
 import hashlib
 import mmap
 import select

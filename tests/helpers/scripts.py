@@ -1,7 +1,5 @@
 """Scripts of trials written by hand, for tests of the machine and of stages."""
 
-from __future__ import annotations
-
 from protocols.script import Frames, GazeMode, ScriptPhase, ScriptQuestion, TrialScript
 
 

@@ -6,8 +6,6 @@ over many seeds of texture and noise, at the levels that `metameric` has by defa
 textures are all filtered from one white noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol

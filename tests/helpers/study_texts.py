@@ -1,7 +1,5 @@
 """The study files of tests: a short one of any task, and shipped ones with other values."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence

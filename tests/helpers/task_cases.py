@@ -1,7 +1,5 @@
 """A small study of every task: practice to a criterion, catch trials, a break, questions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from study_texts import files_recipe, short_study

@@ -1,7 +1,5 @@
 """Timelines that tests of the trial machine run, and what may happen at a flip."""
 
-from __future__ import annotations
-
 from hypothesis import strategies as st
 from scripts import a_script, asking, shows, watched
 

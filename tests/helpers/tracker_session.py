@@ -3,8 +3,6 @@
 The other end is a server of a test, which sends what an eye does up to the virtual clock.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reports with fewer figures, which take longest, or none: for tests that do not look at them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """Small videos, and changes to their headers: boxes of MP4, elements of Matroska, chunks of AVI."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

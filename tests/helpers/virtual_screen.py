@@ -1,7 +1,5 @@
 """A screen without a monitor."""
 
-from __future__ import annotations
-
 import math
 
 import moderngl

@@ -1,7 +1,5 @@
 """Browsers for tests, and a server on loopback around a study."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

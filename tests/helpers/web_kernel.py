@@ -1,7 +1,5 @@
 """The kernel in TypeScript, asked by Python: a process of Node that answers line by line."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

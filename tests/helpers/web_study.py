@@ -1,7 +1,5 @@
 """A study for browsers with pixels, small enough for a test, and sessions of it by the kernel."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Pages whose tags close in order, whose ids are unique, and whose links lead to them."""
 
-from __future__ import annotations
-
 import re
 from html.parser import HTMLParser
 

@@ -1,7 +1,5 @@
 """A screen without a monitor, a study of a few small clips, and ways to run sessions on it."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import math

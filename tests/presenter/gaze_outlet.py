@@ -5,8 +5,6 @@ loss, death or steady. It listens to the session's markers; 0.1 s after the onse
 begins what is planned. The log says what was sent when, on LSL's clock.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import sys

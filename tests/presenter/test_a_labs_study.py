@@ -4,8 +4,6 @@ uses all of them, without a change of ours.
 `tests/lab` is the package, as it lies where it is installed.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

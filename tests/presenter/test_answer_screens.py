@@ -1,7 +1,5 @@
 """The answer screen of m labelled answers: every label stands over its key, whole."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A real session and a real build in one folder of clips: whoever comes second is refused."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

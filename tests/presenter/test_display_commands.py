@@ -1,7 +1,5 @@
 """check-display, withdraw and watch, as an operator uses them."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

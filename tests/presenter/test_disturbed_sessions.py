@@ -2,8 +2,6 @@
 session. Each has one outcome, and everything before it is kept.
 """
 
-from __future__ import annotations
-
 import subprocess
 
 import pytest

@@ -1,7 +1,5 @@
 """For every task: what another process sees on the screen is what the log says, flip by flip."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import io

@@ -1,7 +1,5 @@
 """Trials with pictures that follow the gaze, in a real window on a virtual screen."""
 
-from __future__ import annotations
-
 import csv
 import re
 import signal

@@ -1,7 +1,5 @@
 """`metamerlab live` in a real window on a virtual screen."""
 
-from __future__ import annotations
-
 import signal
 import threading
 

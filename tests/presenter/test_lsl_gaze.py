@@ -1,7 +1,5 @@
 """Gaze over the lab streaming layer from another process, through the real window."""
 
-from __future__ import annotations
-
 import csv
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """A ring as the presenter puts it on the screen, pixel by pixel."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

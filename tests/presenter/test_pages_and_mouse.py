@@ -1,7 +1,5 @@
 """Every page as it stands on the screen, turned by real keys, in a session watched by the mouse."""
 
-from __future__ import annotations
-
 import csv
 
 import pytest

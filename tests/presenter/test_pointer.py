@@ -1,7 +1,5 @@
 """Answers by mouse or touch: a click in a label's column, while a question is asked."""
 
-from __future__ import annotations
-
 import subprocess
 import time
 from types import SimpleNamespace

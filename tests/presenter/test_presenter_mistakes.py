@@ -1,7 +1,5 @@
 """Every mistake before and during a windowed session: one message, status 2, nothing lost."""
 
-from __future__ import annotations
-
 import os
 import re
 

@@ -1,7 +1,5 @@
 """The presenter's parts that need no window."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Between the flips of a trial nothing is read, decoded or piled up."""
 
-from __future__ import annotations
-
 import json
 
 SPY = """

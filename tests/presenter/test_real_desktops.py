@@ -1,7 +1,5 @@
 """Desktops that people have: a compositor, two monitors, savers and notices; doctor names each."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

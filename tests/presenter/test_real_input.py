@@ -1,7 +1,5 @@
 """Keys through the X server, another window's grab of the keyboard, and kill -9."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A tracker is calibrated at targets in the session's own window."""
 
-from __future__ import annotations
-
 import fake_pylink
 import pytest
 

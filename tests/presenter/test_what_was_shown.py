@@ -1,7 +1,5 @@
 """Screen as a process of its own sees it, against what the session's log says."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

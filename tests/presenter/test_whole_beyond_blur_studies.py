@@ -1,8 +1,6 @@
 """The Beyond Blur studies, whole, in the real window: every decision of a participant, seen flip by
 flip by another process; and killed and resumed. By default a few trials of each."""
 
-from __future__ import annotations
-
 import re
 import signal
 import time

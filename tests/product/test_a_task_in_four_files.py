@@ -3,8 +3,6 @@
 The files of `tests/odd_one_out` are laid into a copy of `protocols`, and nothing else is touched.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import shutil

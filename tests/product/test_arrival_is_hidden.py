@@ -1,7 +1,5 @@
 """Nobody with the study file and a public export finds out who came when."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Nobody with the study file and a public export finds out who took part as what."""
 
-from __future__ import annotations
-
 import gzip
 import re
 import shutil

@@ -4,8 +4,6 @@ One table, read by one test: a mistake, the command that meets it first, and wha
 Stereo pairs have `test_wrong_pairs.py` besides, and options of `new-study` `test_own_material.py`.
 """
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Exports hold what was recorded, in the form that was asked for; journals stay as they are."""
 
-from __future__ import annotations
-
 import csv
 import gzip
 import json

@@ -1,7 +1,5 @@
 """The table of folders in docs/architecture.md is what the packages say of themselves."""
 
-from __future__ import annotations
-
 import pytest
 from folders import HEAD, PAGE, folder_table, package_files, with_table
 

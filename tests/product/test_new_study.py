@@ -1,7 +1,5 @@
 """`metamerlab new-study` makes a folder that works at once and explains every key."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`new-study --task NAME`: a study of every task that works at once and explains every key."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

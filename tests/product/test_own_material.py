@@ -1,7 +1,5 @@
 """From files of one's own to a first report: what `new-study` writes of scenes, pairs, methods."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import tomllib

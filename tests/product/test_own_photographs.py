@@ -1,7 +1,5 @@
 """Photographs of one's own, as docs/foveation.md says it, to the letter, but small."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

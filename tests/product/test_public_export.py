@@ -1,7 +1,5 @@
 """A public export lets nothing through that tells who took part, where, and when."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import re

@@ -1,7 +1,5 @@
 """The commands of docs/reproducibility.md prove what the page says."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """`new-study --photos` and `--exr`: from files to a built study in three commands."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

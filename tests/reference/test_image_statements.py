@@ -1,7 +1,5 @@
 """Every statement of a picture's header is honoured, refused or noted; its default is silent."""
 
-from __future__ import annotations
-
 import io
 import re
 import struct

@@ -1,7 +1,5 @@
 """Names to classes: which parameters a class has, and what is said of a wrong one."""
 
-from __future__ import annotations
-
 import pytest
 
 from pipeline.errors import InputError

@@ -1,7 +1,5 @@
 """OpenEXR files as other programs lay them out."""
 
-from __future__ import annotations
-
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest

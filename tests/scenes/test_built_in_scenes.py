@@ -1,7 +1,5 @@
 """The seven built-in scenes: places with jumps in depth and natural textures, by their seed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage

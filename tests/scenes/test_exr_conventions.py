@@ -1,7 +1,5 @@
 """Files of Nuke, Blender and Unreal come to one convention, by flow known from geometry."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every file that a loader opens decides the clip's key; none that is broken is left out."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

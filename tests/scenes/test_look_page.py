@@ -1,7 +1,5 @@
 """`stimuli look --interactive`: a page of this machine from which a view's line is taken."""
 
-from __future__ import annotations
-
 import http.client
 import io
 import shutil

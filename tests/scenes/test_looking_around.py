@@ -1,7 +1,5 @@
 """`stimuli look` proposes views from where a scene is meant to be seen."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

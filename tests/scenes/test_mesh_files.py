@@ -1,7 +1,5 @@
 """Scenes from glTF files, whole and broken."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """Statements of glTF files: drawn right, refused or noted, each beside a control."""
 
-from __future__ import annotations
-
 import base64
 import copy
 import io

@@ -1,7 +1,5 @@
 """Numbers of depth and disparity come as they are stored, and what stands for unknown is known."""
 
-from __future__ import annotations
-
 import re
 import struct
 import warnings

@@ -1,7 +1,5 @@
 """Camera paths and the search for their extent."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pydantic import ValidationError

@@ -1,7 +1,5 @@
 """Photographs with depth and OpenEXR sequences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

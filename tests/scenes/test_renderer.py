@@ -1,7 +1,5 @@
 """The renderer against geometry worked out by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Panoramas drawn of a world: every direction in its place, seams and poles included."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

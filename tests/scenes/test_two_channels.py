@@ -1,7 +1,5 @@
 """Of two channels that fit one question none is taken unasked, for the picture and its truth."""
 
-from __future__ import annotations
-
 import re
 import warnings
 

@@ -1,7 +1,5 @@
 """Small clips on disk, as a build leaves them, and the command that scores them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path

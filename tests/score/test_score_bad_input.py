@@ -1,7 +1,5 @@
 """Every mistake ends with one message that says where, what and how to mend it."""
 
-from __future__ import annotations
-
 import shutil
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Metrics of others give what their own libraries give; each runs in a process of its own."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

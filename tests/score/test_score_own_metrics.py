@@ -1,7 +1,5 @@
 """Our own metrics: perfect on equals, worked by hand, and blind to what metamers share."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Results of a run: tables, figures, one page; and that nothing is measured twice."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """Fixtures of the statistics' tests: made-up decisions, made-up journals, published data."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path

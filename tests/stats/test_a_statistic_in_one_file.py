@@ -1,7 +1,5 @@
 """A statistic that does not ship, `median_differences`: one file, and a report tells all of it."""
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 

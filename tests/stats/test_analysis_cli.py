@@ -1,7 +1,5 @@
 """`metamerlab analysis`: what a user types, sees, and is told when something is wrong."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -4,8 +4,6 @@ People and scenes differ, as they do; every method is alike. The papers' pooled 
 beside these, under that name, and decide nothing.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Observers with the coefficients of Beyond Blur's Table 1, N = 14: its model finds them again."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import stats
 

@@ -1,7 +1,5 @@
 """Critical scaling of ABX: the law, recovery, coverage, comparisons, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from made_up_trials import TaskDesign, simulate_abx

@@ -1,7 +1,5 @@
 """`analysis psychometric`, `detection` and the others of one CSV: what they say and write."""
 
-from __future__ import annotations
-
 import json
 from itertools import product
 from pathlib import Path

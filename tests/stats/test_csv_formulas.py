@@ -1,7 +1,5 @@
 """CSV tables that spreadsheets show and do not run."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

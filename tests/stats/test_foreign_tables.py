@@ -1,7 +1,5 @@
 """Old data: what other tools and spreadsheets write comes in as it is meant, and it is said."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The made-up studies that tests of the statistics analyse are those that they ask for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from made_up_trials import (

@@ -3,8 +3,6 @@
 `RENAMED` says what a stored number is called today.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Parts of a report: each says all of itself at every door; the runner orders them by need."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import dataclass

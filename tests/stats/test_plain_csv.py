@@ -1,7 +1,5 @@
 """Decisions of other tools."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 

@@ -1,7 +1,5 @@
 """Simulated observers with a known preference, through journals and report, are recovered."""
 
-from __future__ import annotations
-
 import json
 import re
 

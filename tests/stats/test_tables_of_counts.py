@@ -1,7 +1,5 @@
 """Square tables of counts, imported as the decisions that they count."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Old tables say what they mean: no answer, units, rows and names that are none, and the cures."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from itertools import product

@@ -1,7 +1,5 @@
 """Journals to tables: every attempt and decision once, damage said, rules applied and counted."""
 
-from __future__ import annotations
-
 import csv
 import json
 import tomllib

@@ -1,7 +1,5 @@
 """Trials with right answers from other tools' CSV files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from made_up_trials import TaskDesign, simulate_abx, simulate_yes_no

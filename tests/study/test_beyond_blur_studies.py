@@ -1,7 +1,5 @@
 """The three studies of Beyond Blur as they are shipped: counts, balance, angles, what is cut."""
 
-from __future__ import annotations
-
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Options of commands as dataclasses: `study_app.cli.option_groups`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 

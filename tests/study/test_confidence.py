@@ -1,7 +1,5 @@
 """Confidence: a second question after each answer, of every task that decides something."""
 
-from __future__ import annotations
-
 import json
 import re
 from statistics import mean

@@ -1,7 +1,5 @@
 """Right answers and arrangements are balanced within every condition, and cannot be foreseen."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

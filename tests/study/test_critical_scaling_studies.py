@@ -1,8 +1,6 @@
 """The studies of critical scaling as they are shipped: what is compared how often, by both tasks;
 and observers with a known critical scaling, which comes back."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

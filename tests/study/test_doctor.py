@@ -1,7 +1,5 @@
 """`metamerlab doctor` tells the truth about this machine, and about machines made up here."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

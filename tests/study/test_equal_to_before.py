@@ -5,8 +5,6 @@ studies name today, where templates have changed since). Equal are journals,
 files of flips and files of gaze, but for what names the program and for fields that were added.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

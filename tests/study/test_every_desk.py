@@ -1,7 +1,5 @@
 """Files and names alike on Linux, Windows and macOS: folders, line ends, shaders of a session."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

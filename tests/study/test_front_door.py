@@ -1,7 +1,5 @@
 """The command `metamerlab`: what it lists, what it imports, how it fails."""
 
-from __future__ import annotations
-
 import errno
 import io
 import re

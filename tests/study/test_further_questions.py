@@ -1,7 +1,5 @@
 """Questions in any number: asked, timed, recorded, and refused where they cannot be asked."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,8 +1,6 @@
 """Killed at any point, a session of any task loses nothing, doubles nothing, and keeps order and
 levels."""
 
-from __future__ import annotations
-
 import pytest
 from attack.kills import CASES, RESTLESS, journal_of, kill_sessions, write_study
 

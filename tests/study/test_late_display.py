@@ -1,7 +1,5 @@
 """A display that cannot keep up is named, and the participant is blamed for none of it."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from functools import partial

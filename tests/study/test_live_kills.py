@@ -1,7 +1,5 @@
 """Killed at any step, a live session or log is whole, and all that it recorded is drawn again."""
 
-from __future__ import annotations
-
 import re
 import signal
 

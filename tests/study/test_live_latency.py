@@ -1,7 +1,5 @@
 """Sample to flip, counted on a virtual clock from streams whose delays are known."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

@@ -6,8 +6,6 @@ doubled) the hashes of their side files, and `results.json` of their report (its
 names that they have today). A change of these files needs a decision.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 import math

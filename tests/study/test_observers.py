@@ -1,7 +1,5 @@
 """Artificial observers answer as their model says."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The Landolt ring against its geometry: ISO 8596 has stroke and gap of a fifth of the height."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

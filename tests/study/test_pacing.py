@@ -1,7 +1,5 @@
 """Every planted timing fault is found, and nothing else."""
 
-from __future__ import annotations
-
 import math
 import random
 

@@ -1,7 +1,5 @@
 """The trial list: complete, balanced, reproducible; and what a display cannot do is refused."""
 
-from __future__ import annotations
-
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Practice with feedback, and rounds of it until enough answers are right."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

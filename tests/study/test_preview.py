@@ -1,7 +1,5 @@
 """`protocol preview`: a study as one page, drawn from what sessions are drawn from."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Ratings of one stimulus, alone or after its standard: from study to report."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 

@@ -3,8 +3,6 @@
 `tests/recorded/v0_3/README.md` says what they are, and by which commands they were made.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

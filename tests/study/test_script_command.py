@@ -1,7 +1,5 @@
 """`protocol show --script`: a participant's plan, and the scripts of its trials."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A whole session on a virtual display: flow, requeue, resume, and what was shown."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import math

@@ -1,7 +1,5 @@
 """No text is cut: what a screen cannot show is refused at every door, in every language."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

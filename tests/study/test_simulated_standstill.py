@@ -1,7 +1,5 @@
 """A simulated session that cannot get on ends: nobody is there who takes the cause away."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from pathlib import Path

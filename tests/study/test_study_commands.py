@@ -1,7 +1,5 @@
 """`metamerlab protocol` and `metamerlab session` as a user types them."""
 
-from __future__ import annotations
-
 import json
 import re
 import resource

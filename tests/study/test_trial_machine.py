@@ -1,7 +1,5 @@
 """The trial machine: no sequence of inputs reaches an undefined state."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

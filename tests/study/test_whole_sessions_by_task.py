@@ -1,8 +1,6 @@
 """Practice to a criterion with feedback, catch trials, a break and closing questions in every task:
 what is shown, what the journal says, what tables and report make of it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Browsers and built studies, each made once for all tests of a process."""
 
-from __future__ import annotations
-
 import pytest
 from chromium import chromium_for_tests
 from web_browser import running_firefox

@@ -1,7 +1,5 @@
 """Faults in a participant's browser, said in words, and in the lines that come home."""
 
-from __future__ import annotations
-
 import json
 import re
 import time

@@ -1,7 +1,5 @@
 """Keys, mouse and touch of the browser itself, not of a script, answer and turn pages."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

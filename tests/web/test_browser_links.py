@@ -1,7 +1,5 @@
 """Of a participant's link only what the study names is kept; at the end stand code and address."""
 
-from __future__ import annotations
-
 import pytest
 from study_texts import short_study
 from task_cases import PREFERENCE, TRIAL

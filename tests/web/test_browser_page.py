@@ -1,7 +1,5 @@
 """The page that is shipped is the one that its sources make."""
 
-from __future__ import annotations
-
 import subprocess
 
 from web_kernel import WEB, node_modules

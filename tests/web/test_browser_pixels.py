@@ -1,7 +1,5 @@
 """Pixels of a browser are those that `study_app/paint.py` paints."""
 
-from __future__ import annotations
-
 import copy
 import io
 import json

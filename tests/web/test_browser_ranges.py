@@ -1,7 +1,5 @@
 """Packs come by HTTP ranges where the server has them, and whole where it has none."""
 
-from __future__ import annotations
-
 import re
 
 import loopback

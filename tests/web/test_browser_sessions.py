@@ -1,7 +1,5 @@
 """Whole sessions in Chromium and Firefox, on a virtual clock: they come home as ordinary ones."""
 
-from __future__ import annotations
-
 import json
 import random
 import threading

@@ -1,7 +1,5 @@
 """Lines reach home by a browser's own storage, or by JATOS, whatever its server does to them."""
 
-from __future__ import annotations
-
 import json
 import time
 

@@ -1,7 +1,5 @@
 """The kernel of the browser says what Python says: plans, steps, trials, flips and levels."""
 
-from __future__ import annotations
-
 import random
 from functools import cache
 from itertools import product

@@ -1,7 +1,5 @@
 """`foveate --page`: the metamer on the page is that of numpy, wherever mouse and finger point."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

@@ -1,7 +1,5 @@
 """Studies leave for browsers and come home by commands; what a browser cannot do is said first."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Large studies and pictures with colours of their own, as exports see them."""
 
-from __future__ import annotations
-
 import io
 import re
 import zipfile

@@ -1,7 +1,5 @@
 """Sessions by the browser's kernel come home: each line becomes what Python would have done."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

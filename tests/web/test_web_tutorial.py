@@ -1,7 +1,5 @@
 """The ten steps of docs/web.md, from a study to JATOS and to a report: every command, in order."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import zipfile

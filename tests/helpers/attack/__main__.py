@@ -1,7 +1,5 @@
 """Attacks metamerlab from outside, by a seed: `script/attack`. Ends with 1 where anything fell."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import platform

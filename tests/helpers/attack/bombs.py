@@ -4,8 +4,6 @@ A command runs in a process of its own whose memory and time are watched. It mus
 one message, or do its work, within `MOST_MIB` and `MOST_CPU_S`.
 """
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import io

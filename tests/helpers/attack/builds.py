@@ -1,7 +1,5 @@
 """Kills builds of clips after any amount of work, and lets them go on to the same bytes."""
 
-from __future__ import annotations
-
 import os
 import random
 import re

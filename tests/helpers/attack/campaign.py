@@ -3,8 +3,6 @@
 Input `n` of a reader follows from the seed, the reader's name and `n`, and from nothing else.
 """
 
-from __future__ import annotations
-
 import math
 import multiprocessing
 import os

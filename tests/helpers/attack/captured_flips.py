@@ -1,7 +1,5 @@
 """Pictures of a screen with `--strip`, as a camera or a frame grabber has them, against the log."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

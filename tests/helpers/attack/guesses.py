@@ -5,8 +5,6 @@ would its session show? What fits best is guessed: scenes in their order, what c
 Rows of a file stand in some order; every number in them may hold the true one.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 import time

@@ -1,7 +1,5 @@
 """Kills sessions, and fills their disk, at any write or sync; then lets them go on to the end."""
 
-from __future__ import annotations
-
 import errno
 import os
 import random

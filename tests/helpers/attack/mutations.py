@@ -3,8 +3,6 @@
 Everything follows from the generator that is handed in.
 """
 
-from __future__ import annotations
-
 import gzip
 import io
 import json

@@ -4,8 +4,6 @@ Whatever the place, a command ends well or with one message; it never changes or
 it did not write, and where it refuses it leaves nothing behind.
 """
 
-from __future__ import annotations
-
 import ctypes
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Faults that are planted, and must be found and nothing else: of timing, and of what was shown."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from random import Random
 

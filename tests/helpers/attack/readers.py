@@ -2,8 +2,6 @@
 that it returns may be. One entry of `READERS` each.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import gzip
 import math

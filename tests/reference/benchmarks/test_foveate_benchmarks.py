@@ -1,7 +1,5 @@
 """Benchmarks of foveated pictures: banks of pyramids, shares of time, tables and plots."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

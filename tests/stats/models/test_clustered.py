@@ -1,7 +1,5 @@
 """Inference on shares that respects participants and scenes."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Circular triads, agreement, transitivity: counted by hand."""
 
-from __future__ import annotations
-
 from itertools import combinations, product
 
 import numpy as np

@@ -3,8 +3,6 @@
 Oracles are R's glm and MASS::dose.p; people who answer alike make its model and ours the same.
 """
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """d' of one table, learning, order and side bias, reaction times."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

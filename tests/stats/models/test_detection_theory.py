@@ -1,7 +1,5 @@
 """d' and criterion by condition, and ideal observers: values by hand, R, recovery, coverage."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

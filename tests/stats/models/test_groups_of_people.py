@@ -1,7 +1,5 @@
 """Groups of people, or of scenes, that saw one condition each are samples of their own."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Logit models against values by hand, against R, and where no maximum exists."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

@@ -2,8 +2,6 @@
 keeps its numbers.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """The observer check finds who answers unlike the others, and seldom anyone else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

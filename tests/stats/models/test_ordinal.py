@@ -1,7 +1,5 @@
 """Ordered ratings: package ordinal's models, ties of pairs, what a user sees."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One mixed model of all pairings: against lme4, against chance, and where it cannot be had."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

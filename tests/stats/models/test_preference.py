@@ -1,7 +1,5 @@
 """Preferences: the counts of [MI] Fig. 10, unanimous cells, verdicts, warnings."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

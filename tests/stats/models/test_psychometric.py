@@ -1,7 +1,5 @@
 """Psychometric functions: recovery, definitions, limits, flags."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Posteriors of psychometric functions: psignifit's numbers, coverage, comparisons."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 Tolerance: 1e-4, the precision the answers are kept with, unless the source is coarser.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Every published answer we were given is checked by a named test, or says why it is not."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

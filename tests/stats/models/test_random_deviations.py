@@ -1,7 +1,5 @@
 """Deviations of random effects: profile limits and levels of lme4, glmmTMB and ordinal."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """Shares of right answers: limits and p from one procedure, and what few people can show."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Reaction times: lme4's mixed model."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

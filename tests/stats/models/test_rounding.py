@@ -1,7 +1,5 @@
 """Rounding, which differs between processors, moves no p and no choice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

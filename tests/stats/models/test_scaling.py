@@ -1,7 +1,5 @@
 """Scales: values worked by hand, limits, batches, and what must be refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

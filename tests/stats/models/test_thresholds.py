@@ -1,7 +1,5 @@
 """Thresholds with participants as random: recovery, coverage, comparisons, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Pilots of tasks with right answers: deviations taken from them are those they were made with."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Power by simulation of the protocol's own design and test."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """One simulator of power: its figures are those of before, and its tests are those of the parts."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Reaction times have a planned test of their own, whose power is simulated."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mixed models in a report: t is called t, ratios stand beside, all pairings meet."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

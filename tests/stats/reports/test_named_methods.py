@@ -1,8 +1,6 @@
 """The report of an imported table leads with the comparison that was asked for, in the order and
 with the names that were asked for."""
 
-from __future__ import annotations
-
 import json
 from itertools import combinations
 

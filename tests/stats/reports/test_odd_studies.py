@@ -1,7 +1,5 @@
 """Small, lopsided, degenerate studies: flagged results, never a crash or a silent NaN."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass

@@ -1,7 +1,5 @@
 """Participants from the first page to the analysis: counted, said, and told by their answers."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path

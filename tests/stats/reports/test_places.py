@@ -1,7 +1,5 @@
 """Reports say which sessions ran in browsers, what vouches for them, and what differs by place."""
 
-from __future__ import annotations
-
 import json
 from math import hypot
 

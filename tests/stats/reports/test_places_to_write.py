@@ -1,7 +1,5 @@
 """The issue's own cases: where commands were told to write, a user's files went."""
 
-from __future__ import annotations
-
 import signal
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Figures: no text over text, nothing cut off, the same bytes, embedded fonts, colours, stamp."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from functools import partial

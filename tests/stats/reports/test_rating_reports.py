@@ -1,7 +1,5 @@
 """Tables of ratings: imported by name, reported by a cumulative-link mixed model."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from itertools import product

@@ -1,7 +1,5 @@
 """A report says what is weak about how its sessions were recorded."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 from typer.testing import CliRunner

@@ -1,7 +1,5 @@
 """Scripts of a report repeat its main models with lme4, ordinal, statsmodels and scipy."""
 
-from __future__ import annotations
-
 import os
 import re
 import runpy

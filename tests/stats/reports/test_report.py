@@ -1,7 +1,5 @@
 """The report: whole or absent, the same numbers again, hostile text tamed, stamped, readable."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """Reports of right answers claim only what was done, and only what their data identify."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from dataclasses import replace

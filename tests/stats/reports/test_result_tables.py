@@ -1,7 +1,5 @@
 """A table of results is declared once: the page's rows and the CSV file come from its columns."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from operator import attrgetter

@@ -1,7 +1,5 @@
 """Sentences tell the sign of a difference in words, and beside it as a number."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -2,8 +2,6 @@
 freedom without a statistic, no limit beyond what can be, no length below 0.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

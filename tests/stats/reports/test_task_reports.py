@@ -1,7 +1,5 @@
 """Reports of tasks with right answers: from sessions and from tables, numbers and page alike."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

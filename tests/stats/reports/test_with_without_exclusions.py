@@ -1,7 +1,5 @@
 """The report's table of the same numbers with and without what the rules left out."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sentences about tasks with right answers say what the results hold."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A study without sizes speaks of none: no empty column, no comma or colon beside nothing."""
 
-from __future__ import annotations
-
 import re
 from itertools import combinations, product
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Active pairs: by hand and by integration, against ASAP's posterior, and what must hold."""
 
-from __future__ import annotations
-
 import json
 from itertools import combinations, product
 from pathlib import Path

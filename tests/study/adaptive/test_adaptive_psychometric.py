@@ -1,7 +1,5 @@
 """The psychometric function of adaptive trials: by hand, and against the one that is fitted."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import ndtri

@@ -1,7 +1,5 @@
 """QUEST+: by hand, against its definition, against the package questplus, and what must hold."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

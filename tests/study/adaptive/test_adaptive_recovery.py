@@ -1,7 +1,5 @@
 """Simulated observers get their thresholds and scores back."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

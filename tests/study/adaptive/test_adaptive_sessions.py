@@ -1,7 +1,5 @@
 """Sessions whose levels and pairs follow from the answers: pure, undisturbed by voids and kills."""
 
-from __future__ import annotations
-
 from collections import Counter
 from itertools import product
 from pathlib import Path

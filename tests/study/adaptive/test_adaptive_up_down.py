@@ -1,7 +1,5 @@
 """Up-down tracks: by hand, against SweetSpot and psychopy, and what must hold."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The advice of a message is tried on the input that caused it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

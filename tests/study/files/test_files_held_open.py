@@ -1,7 +1,5 @@
 """Windows refuses to rename or delete a file that another program has open: that is waited for."""
 
-from __future__ import annotations
-
 import ast
 import errno
 import os

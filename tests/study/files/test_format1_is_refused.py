@@ -1,7 +1,5 @@
 """A file of format 1 gets one message, which names the revision that reads it."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Every format survives writing and reading; the published schemas agree with the models."""
 
-from __future__ import annotations
-
 import json
 import os
 import tomllib

@@ -1,7 +1,5 @@
 """Removed parts: one message to who begins anew, a note to who has recorded with them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

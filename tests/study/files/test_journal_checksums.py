@@ -1,7 +1,5 @@
 """Records that cannot change unnoticed: journals, the files beside them, the plan."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

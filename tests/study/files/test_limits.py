@@ -1,7 +1,5 @@
 """No file and no number asks for more than the machine has, and every reader says what is wrong."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import io

@@ -1,7 +1,5 @@
 """Builds and sessions in one folder of clips: who keeps out whom, and what is left behind."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """One bad line costs one session at most, and what it says reaches nobody's terminal as orders."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

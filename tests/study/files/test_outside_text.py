@@ -1,7 +1,5 @@
 """Text from outside is text in every file that we write, and codes are matched in bounded time."""
 
-from __future__ import annotations
-
 import json
 
 import pandas as pd

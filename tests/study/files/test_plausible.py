@@ -1,7 +1,5 @@
 """Numbers that are allowed and hardly meant: `protocol check` notes them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """A protocol with mistakes: every one at once, with place, value and cure."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

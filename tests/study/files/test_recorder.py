@@ -1,7 +1,5 @@
 """The journal: nothing lost, nothing altered, nothing written over."""
 
-from __future__ import annotations
-
 import errno
 import os
 import resource

@@ -1,7 +1,5 @@
 """Folders that commands fill: whole or absent; what is no result of ours stays as it was."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """A study in one file: whole or not there, proven whole, and never a trap."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

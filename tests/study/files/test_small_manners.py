@@ -1,7 +1,5 @@
 """Small things that a user meets: Ctrl-C, names in pipes, key names, paths with spaces."""
 
-from __future__ import annotations
-
 import io
 import shlex
 

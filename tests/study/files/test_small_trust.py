@@ -1,7 +1,5 @@
 """Small things that let data or a terminal down: signals, seeds, characters."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

@@ -1,7 +1,5 @@
 """Mistakes in studies of any task: one message each, with place and cure, and never a traceback."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

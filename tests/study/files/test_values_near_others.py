@@ -1,7 +1,5 @@
 """A value near one of those allowed is refused with that one, wherever values are enumerated."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """An EyeLink by a stand-in for SR Research's pylink, and by pylink's dummy mode where it is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Pixels and degrees, exact off the centre."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

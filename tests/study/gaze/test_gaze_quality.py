@@ -1,7 +1,5 @@
 """The quality of gaze at a target is what ETDQualitizer computes."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

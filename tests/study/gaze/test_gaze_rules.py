@@ -1,7 +1,5 @@
 """Fixation, violation, blink, loss and silence, from planted events and real recordings."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Gaze of any tracker is judged by finite numbers, and what is stored reads back."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

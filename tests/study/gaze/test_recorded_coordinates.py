@@ -1,7 +1,5 @@
 """Recordings of gaze are in the coordinates that their header names, of an eye that was found."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -4,8 +4,6 @@ The recordings are SR Research's, of the shared data, and one of our own that ne
 sent by what stands for the tracker, in the tracker's own units.
 """
 
-from __future__ import annotations
-
 import gzip
 import math
 import time

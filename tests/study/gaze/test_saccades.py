@@ -1,7 +1,5 @@
 """Saccades found as they happen: in movements that are known, and in recorded gaze."""
 
-from __future__ import annotations
-
 import gzip
 import math
 import re

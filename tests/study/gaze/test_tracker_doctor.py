@@ -1,7 +1,5 @@
 """`doctor --gaze` opens a tracker and listens; `protocol check --gaze` knows what may be named."""
 
-from __future__ import annotations
-
 import time
 from types import SimpleNamespace
 

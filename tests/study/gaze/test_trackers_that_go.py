@@ -1,7 +1,5 @@
 """Trackers that go while they are calibrated, checked or validated: for good, or for a while."""
 
-from __future__ import annotations
-
 import pytest
 from fake_pylink import FakePylink
 from fake_pylsl import FakePylsl
