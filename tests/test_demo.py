@@ -11,11 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from command_line import metamerlab
 from markupsafe import escape
 from rich.console import Console
 from study_texts import shipped_study
 from typer.main import get_command
-from typer.testing import CliRunner
 
 from protocols.disk.hashing import sha256_file
 from protocols.errors import StudyError
@@ -168,9 +168,8 @@ def test_the_demonstration_itself_is_one_page_that_begins_with_a_picture_and_the
     tmp_path, monkeypatch
 ):
     monkeypatch.setenv("PATH", str(tmp_path))  # it needs no X server
-    result = CliRunner().invoke(app, ["demo", "--out", str(tmp_path / "out")])
+    result = metamerlab("demo", "--out", str(tmp_path / "out"))
 
-    assert result.exit_code == 0, result.output
     page = (tmp_path / "out/index.html").read_text(encoding="utf-8")
     first = [page.index(words) for words in ("<img src", "SIMULATED data. Metameric", "<details>")]
     assert first == sorted(first)
@@ -270,8 +269,7 @@ def test_another_seed_makes_sessions_anew_and_recorded_ones_are_refused(options,
     recorded.write_text("of a person")
     with pytest.raises(StudyError, match=r"S900: must hold nothing but.*it holds journal\.jsonl"):
         run_quietly(other)
-    again = CliRunner().invoke(app, ["demo", "--out", str(options.out), "--fresh"])
-    assert again.exit_code == 2
+    again = metamerlab("demo", "--out", str(options.out), "--fresh", status=2)
     assert "S900/journal.jsonl" in " ".join(again.output.split())
     assert recorded.read_text() == "of a person"
     recorded.unlink()
@@ -336,9 +334,8 @@ def test_a_command_that_fails_is_the_last_one_and_its_message_is_passed_on(tmp_p
 def test_where_xvfb_is_missing_the_message_says_what_to_do(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
 
-    result = CliRunner().invoke(app, ["demo", "--all", "--out", str(tmp_path / "out")])
+    result = metamerlab("demo", "--all", "--out", str(tmp_path / "out"), status=2)
 
-    assert result.exit_code == 2
     for cure in ("Xvfb", "apt-get install xvfb openbox", "--display", "leave out --all"):
         assert cure in result.output
     assert not (tmp_path / "out").exists()
@@ -347,9 +344,8 @@ def test_where_xvfb_is_missing_the_message_says_what_to_do(tmp_path, monkeypatch
 def test_a_display_without_a_window_is_refused(tmp_path):
     arguments = ["demo", "--out", str(tmp_path), "--display", "fhd27-60hz"]
 
-    result = CliRunner().invoke(app, arguments)
+    result = metamerlab(*arguments, status=2)
 
-    assert result.exit_code == 2
     assert "--display must stand beside --all" in result.output
 
 
@@ -357,8 +353,8 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
     (tmp_path / "report").mkdir()
     arguments = ["demo", "--out", str(tmp_path)]
 
-    result = CliRunner().invoke(app, arguments)
-    fresh = CliRunner().invoke(app, [*arguments, "--fresh"])
+    result = metamerlab(*arguments, status=None)
+    fresh = metamerlab(*arguments, "--fresh", status=None)
 
     assert result.exit_code == fresh.exit_code == 2
     assert "must be empty or made by 'metamerlab demo' (it holds report" in result.output
@@ -369,8 +365,7 @@ def test_a_folder_of_other_things_is_left_alone(tmp_path):
 def test_it_says_where_it_cannot_write(tmp_path):
     (tmp_path / "out").write_text("a file")
 
-    result = CliRunner().invoke(app, ["demo", "--out", str(tmp_path / "out")])
+    result = metamerlab("demo", "--out", str(tmp_path / "out"), status=2)
 
-    assert result.exit_code == 2
     assert "out" in result.output
     assert "Traceback" not in result.output

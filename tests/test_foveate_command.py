@@ -4,9 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from command_line import outcome_of, refusal_of
+from command_line import metamerlab, outcome_of, refusal_of
 from PIL import Image
-from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import CONDITIONS, foveate
@@ -22,7 +21,6 @@ from stimuli.foveate.foveation_steps import condition_steps
 from stimuli.media.frames_folder import Reporter
 from stimuli.media.gaze_and_display import StatedViewing, read_gaze
 from stimuli.media.moving import shrunk, wandering
-from study_app.cli import app
 
 HEIGHT, WIDTH = 48, 64
 FAST = ("--numpy",)  # OpenGL has tests of its own
@@ -48,7 +46,7 @@ def png(tmp_path, colour):
 
 def test_the_command_writes_what_the_python_call_returns(png, tmp_path, colour):
     out = tmp_path / "new" / "out.png"
-    code, said, _ = run(png, out, "--gaze", "20,30", "--fov", 30, "--seed", 7, *FAST)
+    code, said, _ = run(png, out, "--gaze", "20,30", "--fov", 30, "--seed", 7, *FAST, status=None)
 
     asked = foveate(colour, (20, 30), viewing=Flat(width_deg=30), seed=7)
     assert code == 0
@@ -57,14 +55,14 @@ def test_the_command_writes_what_the_python_call_returns(png, tmp_path, colour):
 
 
 def test_what_is_assumed_is_said(png, tmp_path):
-    _, said, _ = run(png, tmp_path / "out.png", "-m", "blur", *FAST)
+    _, said, _ = run(png, tmp_path / "out.png", "-m", "blur", *FAST, status=None)
 
     assert "field of view: 40.0 x 30.5 degrees (assumed, since neither" in said
     assert "gaze: 32.0, 24.0 px" in said
 
 
 def test_the_fovea_comes_out_as_it_went_in(png, tmp_path):
-    run(png, tmp_path / "out.png", "--set", "fovea_deg=8", *FAST)
+    run(png, tmp_path / "out.png", "--set", "fovea_deg=8", *FAST, status=None)
 
     given, shown = (read_pixels(path).data for path in (png, tmp_path / "out.png"))
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
@@ -76,14 +74,14 @@ def test_the_fovea_comes_out_as_it_went_in(png, tmp_path):
 
 def test_a_seed_decides_every_byte(png, tmp_path):
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
-        assert run(png, tmp_path / f"{name}.png", "--seed", seed, *FAST)[0] == 0
+        assert run(png, tmp_path / f"{name}.png", "--seed", seed, *FAST, status=None)[0] == 0
 
     a, b, c = ((tmp_path / f"{name}.png").read_bytes() for name in "abc")
     assert a == b != c
 
 
 def test_a_parameter_reaches_the_condition(png, tmp_path, colour):
-    run(png, tmp_path / "out.png", "-m", "blur", "--parameter", "scaling=.9", *FAST)
+    run(png, tmp_path / "out.png", "-m", "blur", "--parameter", "scaling=.9", *FAST, status=None)
 
     wide = foveate(colour, (32, 24), method="blur", scaling=0.9)
     np.testing.assert_array_equal(read_pixels(tmp_path / "out.png").data, np.rint(255 * wide))
@@ -91,8 +89,8 @@ def test_a_parameter_reaches_the_condition(png, tmp_path, colour):
 
 @pytest.mark.usefixtures("gl_context")
 def test_with_opengl_the_renderer_is_named(png, tmp_path):
-    _, said, _ = run(png, tmp_path / "gpu.png")
-    run(png, tmp_path / "numpy.png", *FAST)
+    _, said, _ = run(png, tmp_path / "gpu.png", status=None)
+    run(png, tmp_path / "numpy.png", *FAST, status=None)
 
     gpu, twin = (read_pixels(tmp_path / f"{n}.png").data.astype(int) for n in ("gpu", "numpy"))
     assert ("renderer: " in said) != ("worked out by numpy" in said)
@@ -101,9 +99,8 @@ def test_with_opengl_the_renderer_is_named(png, tmp_path):
 
 def test_a_comparison_shows_every_condition_and_the_pools(png, tmp_path):
     sheet = tmp_path / "sheet.png"
-    code, said, _ = run(png, tmp_path / "out.png", "--compare", sheet, *FAST)
+    _, said, _ = run(png, tmp_path / "out.png", "--compare", sheet, *FAST)
 
-    assert code == 0
     assert f"wrote {sheet} ({len(usual_choices())} conditions)" in said
     assert f"wrote {tmp_path / 'out.png'} (metamer)" in said
     tile_px = 320 + 12
@@ -113,9 +110,9 @@ def test_a_comparison_shows_every_condition_and_the_pools(png, tmp_path):
 def test_a_parameter_reaches_every_condition_of_a_sheet_that_has_it(png, tmp_path):
     sheet, pair = tmp_path / "sheet.png", ("-m", "blur", "-m", "reference")
     looks = (png, tmp_path / "out.png", "--compare", sheet, *FAST)
-    assert run(*looks, *pair, "--set", "fovea_deg=8")[0] == 0
+    assert run(*looks, *pair, "--set", "fovea_deg=8", status=None)[0] == 0
     wide = read_pixels(tmp_path / "out.png").data
-    assert run(*looks, *pair)[0] == 0
+    assert run(*looks, *pair, status=None)[0] == 0
     assert (wide != read_pixels(tmp_path / "out.png").data).any()
 
     assert "did you mean 'fovea_deg'" in refusal(*looks, "--set", "fovea=8")
@@ -130,7 +127,9 @@ def test_a_sheet_leaves_out_what_takes_minutes_or_a_folder():
 
 def test_steps_are_written_as_pictures(png, tmp_path):
     folder = tmp_path / "steps"
-    code, _, _ = run(png, tmp_path / "out.png", "-m", "warped-metamer", "--steps", folder, *FAST)
+    code, _, _ = run(
+        png, tmp_path / "out.png", "-m", "warped-metamer", "--steps", folder, *FAST, status=None
+    )
 
     names = sorted(path.name for path in folder.glob("*.png"))
     assert code == 0
@@ -170,7 +169,7 @@ def test_steps_of_a_metamer_show_base_deviations_and_noise(colour):
 @pytest.mark.parametrize("ending", [".webp", ".png"])
 def test_a_flip_shows_two_seeds_in_turn(png, tmp_path, ending):
     path = tmp_path / f"flip{ending}"
-    code, _, _ = run(png, tmp_path / "out.png", "--flip", path, *FAST)
+    code, _, _ = run(png, tmp_path / "out.png", "--flip", path, *FAST, status=None)
 
     with Image.open(path) as moving:
         frames = []
@@ -186,7 +185,7 @@ def test_a_flip_shows_two_seeds_in_turn(png, tmp_path, ending):
 
 def test_the_gaze_of_an_animation_wanders_and_comes_back(png, tmp_path):
     path = tmp_path / "gaze.webp"
-    run(png, tmp_path / "out.png", "-m", "blur", "--animate", path, *FAST)
+    run(png, tmp_path / "out.png", "-m", "blur", "--animate", path, *FAST, status=None)
 
     with Image.open(path) as moving:
         assert moving.n_frames == 48
@@ -212,9 +211,8 @@ def test_a_shrunk_picture_keeps_its_field_of_view(rng):
 
 
 def test_list_names_every_condition_and_law_without_a_picture():
-    code, said, _ = run("--list")
+    _, said, _ = run("--list")
 
-    assert code == 0
     for name in (*(entry.shown_name for entry in CONDITIONS), "v1", "authors", "quadratic"):
         assert name in said
 
@@ -247,16 +245,18 @@ def test_a_panorama_has_no_seam(tmp_path, rng):
     save_colour(tmp_path / "around.png", rng.random((32, 64, 3)).astype(np.float32))
     for name, gaze in (("a", "0,16"), ("b", "64,16"), ("c", "-180deg,0deg")):
         out = tmp_path / f"{name}.png"
-        assert run(tmp_path / "around.png", out, "--panorama", "--gaze", gaze, *FAST)[0] == 0
+        assert (
+            run(tmp_path / "around.png", out, "--panorama", "--gaze", gaze, *FAST, status=None)[0]
+            == 0
+        )
 
     a, b, c = ((tmp_path / f"{name}.png").read_bytes() for name in "abc")
     assert a == b == c
 
 
 def test_a_gaze_off_the_picture_is_said(png, tmp_path):
-    code, said, _ = run(png, tmp_path / "out.png", "--gaze", "-30deg,0deg", "-m", "blur", *FAST)
+    _, said, _ = run(png, tmp_path / "out.png", "--gaze", "-30deg,0deg", "-m", "blur", *FAST)
 
-    assert code == 0
     assert "off the picture" in said
 
 
@@ -284,7 +284,7 @@ def test_sixteen_bits_stay_sixteen(tmp_path, rng):
     data = rng.integers(0, 65536, (16, 24, 3)).astype(np.uint16)
     write_pixels(tmp_path / "deep.png", data, ("R", "G", "B"))
 
-    run(tmp_path / "deep.png", tmp_path / "out.png", "-m", "reference", *FAST)
+    run(tmp_path / "deep.png", tmp_path / "out.png", "-m", "reference", *FAST, status=None)
 
     np.testing.assert_array_equal(read_pixels(tmp_path / "out.png").data, data)
 
@@ -294,9 +294,8 @@ def test_every_common_format_is_read(tmp_path, ending):
     flat = np.full((24, 32, 3), (200, 100, 50), np.uint8)
     Image.fromarray(flat).save(tmp_path / f"picture{ending}")
 
-    code, _, _ = run(tmp_path / f"picture{ending}", tmp_path / "out.png", *FAST)
+    run(tmp_path / f"picture{ending}", tmp_path / "out.png", *FAST)
 
-    assert code == 0
     shown = read_pixels(tmp_path / "out.png").data.astype(int)
     assert np.abs(shown - flat).max() <= 4  # JPEG and WebP round
 
@@ -388,8 +387,8 @@ def test_bright_light_is_refused_with_a_cure_that_works(tmp_path):
 
     assert "must lie in 0..1" in said
     assert float(stops) == pytest.approx(-3.2)
-    assert run(*given, "--stops", stops)[0] == 0
-    assert run(*given, "--clip")[0] == 0
+    assert run(*given, "--stops", stops, status=None)[0] == 0
+    assert run(*given, "--clip", status=None)[0] == 0
     assert load_colour(tmp_path / "out.png")[2, 3, 0] == 1
 
 
@@ -400,8 +399,7 @@ def test_a_panorama_of_light_is_exposed_by_a_percentile_and_it_is_said(tmp_path)
     write_pixels(tmp_path / "around.exr", light, ("R", "G", "B"))
     given = (tmp_path / "around.exr", tmp_path / "out.exr", "-m", "reference", *FAST)
 
-    code, said, error = run(*given, "--panorama")
-    assert code == 0, error
+    _, said, _ = run(*given, "--panorama")
     assert "reaches 5000: shown as with --stops -2.0 --clip" in said
     shown = read_pixels(tmp_path / "out.exr").data
     np.testing.assert_allclose(shown[[4, 20, 0], [9, 9, 0]], [[0.25] * 3, [1] * 3, [1] * 3], 1e-3)
@@ -474,8 +472,7 @@ def test_avif_is_read_upright_and_what_is_not_read_is_named(tmp_path, colour):
     deep = (tmp_path / "photo.avif").read_bytes().replace(b"\3\10\10\10", b"\3\12\12\12")
     (tmp_path / "deep.avif").write_bytes(deep)
 
-    code, said, error = run(tmp_path / "photo.avif", tmp_path / "out.png", "-m", "reference", *FAST)
-    assert code == 0, error
+    _, said, _ = run(tmp_path / "photo.avif", tmp_path / "out.png", "-m", "reference", *FAST)
     assert "turned upright" in said
     shown = read_pixels(tmp_path / "out.png").data / 255
     assert np.abs(shown - np.rot90(colour, -1)).mean() < 0.1
@@ -510,9 +507,8 @@ def test_light_that_is_no_number_is_refused(tmp_path):
 def test_a_picture_of_one_pixel_is_shown(tmp_path, choice: Choice):
     Image.fromarray(np.full((1, 1, 3), 90, np.uint8)).save(tmp_path / "dot.png")
 
-    code, _, _ = run(tmp_path / "dot.png", tmp_path / "out.png", "-m", choice.name, *FAST)
+    run(tmp_path / "dot.png", tmp_path / "out.png", "-m", choice.name, *FAST)
 
-    assert code == 0
     assert read_pixels(tmp_path / "out.png").data.shape == (1, 1, 3)
 
 
@@ -523,23 +519,21 @@ def test_pictures_of_a_user_that_are_called_as_steps_stay_as_they_are(png, tmp_p
     folder.mkdir()
     (folder / "00-picture.png").write_bytes(b"mine")
 
-    code, _, said = run(*words)
+    _, _, said = run(*words, status=2)
 
-    assert code == 2
     assert "must be empty or new (it holds 00-picture.png" in " ".join(said.split())
     assert (folder / "00-picture.png").read_bytes() == b"mine"
     assert not (tmp_path / "out.png").exists()
     (folder / "00-picture.png").unlink()
-    assert [run(*words)[0] for _ in range(2)] == [0, 0]  # earlier steps are replaced
+    assert [run(*words, status=None)[0] for _ in range(2)] == [0, 0]  # earlier steps are replaced
 
 
 def test_a_picture_of_one_pixel_has_sheet_and_steps(tmp_path):
     Image.fromarray(np.full((1, 1, 3), 90, np.uint8)).save(tmp_path / "dot.png")
     looks = ("--compare", tmp_path / "sheet.png", "--steps", tmp_path / "steps")
 
-    code, _, _ = run(tmp_path / "dot.png", tmp_path / "out.png", *looks, "-m", "metamer", *FAST)
+    run(tmp_path / "dot.png", tmp_path / "out.png", *looks, "-m", "metamer", *FAST)
 
-    assert code == 0
     assert (tmp_path / "steps" / "sheet.png").exists()
 
 
@@ -571,13 +565,12 @@ def test_an_interrupted_descent_goes_on_by_the_same_command(png, tmp_path, monke
 
     with monkeypatch.context() as patch:
         patch.setattr(energy, "_write_state", stop)
-        CliRunner().invoke(app, ["foveate", *map(str, given)])
+        metamerlab("foveate", *map(str, given), status=None)
     state = tmp_path / ".out.png.state.npz"
     assert state.exists()
     assert not out.exists()
-    code, said, _ = run(*given)
+    _, said, _ = run(*given)
 
-    assert code == 0
     assert f"going on where {state} ends" in said
     assert not state.exists()
     assert read_pixels(out).data.shape == (HEIGHT, WIDTH, 3)
@@ -592,7 +585,7 @@ def test_one_python_call_does_what_the_command_does(png, tmp_path):
     ours, theirs = tmp_path / "ours", tmp_path / "theirs"
     code, said, _ = run(
         png, theirs / "out.png", *asked, "--compare", theirs / "sheet.png", "--steps",
-        theirs / "steps", "--flip", theirs / "flip.png", *FAST,
+        theirs / "steps", "--flip", theirs / "flip.png", *FAST, status=None
     )  # fmt: skip
     lines = []
     seen = foveate_file(

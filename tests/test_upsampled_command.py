@@ -33,13 +33,12 @@ def given(tmp_path, rng):
 @pytest.mark.usefixtures("gl_context")
 def test_the_true_view_is_shown_at_the_gaze_and_the_fill_beyond(given):
     common = [given / "frame.exr", given / "out.png", "--truth", given / "truth.png", "-m"]
-    assert run(*common, "telea").exit_code == 0
+    run(*common, "telea")
     plain, truth = (load_colour(given / name) for name in ("out.png", "truth.png"))
     sheet = given / "sheet.png"
     options = ["--true-within", 6, "--gaze", "30,40", "--fov", 30, "--compare", sheet]
     done = run(*common, "telea", "-m", "navier-stokes", *options)
 
-    assert done.exit_code == 0, done.output
     assert "inside holes where nothing of the true view is shown" in done.output
     geometry = Flat(30.0).of(WIDTH, HEIGHT)
     away = eccentricity_deg(geometry, GAZE, *pixel_centres(geometry))
@@ -63,7 +62,6 @@ def test_a_gaze_says_where_coherence_transport_works(given):
     ):
         method = "coherence-transport" if name == "gazed" else name
         done = run(given / "frame.exr", given / f"{name}.png", "-m", method, *options)
-        assert done.exit_code == 0, done.output
         out[name] = load_colour(given / f"{name}.png")
     assert "gaze: 66.0, 36.0 px" in done.output
     geometry = Flat(30.0).of(WIDTH, HEIGHT)
@@ -110,8 +108,7 @@ def test_crops_lie_at_the_gaze_and_where_the_periphery_differs_most(rng):
 def test_what_contradicts_itself_is_refused_before_any_work(given, options, said):
     words = [str(given / "truth.png") if word == "TRUTH" else word for word in options]
     method = () if "-m" in words else ("-m", "telea")
-    done = run(given / "frame.exr", given / "out.png", *method, *words)
-    assert done.exit_code == 2
+    done = run(given / "frame.exr", given / "out.png", *method, *words, status=2)
     assert said in " ".join(done.stderr.split())
     assert not (given / "out.png").exists()
 

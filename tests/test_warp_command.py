@@ -56,7 +56,7 @@ def stereo(tmp_path, frame):
 @pytest.mark.usefixtures("gl_context")
 def test_a_frame_from_a_file_is_warped_and_filled(exr, frame, tmp_path):
     out = tmp_path / "out.png"
-    code, said, _ = run(exr, out, "--method", "telea")
+    code, said, _ = run(exr, out, "--method", "telea", status=None)
 
     filled = load_colour(out)
     shown = np.rint(255 * frame.source.colour) / 255
@@ -70,14 +70,14 @@ def test_a_frame_from_a_file_is_warped_and_filled(exr, frame, tmp_path):
 def test_missing_folders_are_made(exr, tmp_path):
     out = tmp_path / "new" / "folder" / "out.png"
 
-    assert run(exr, out, "-m", "telea")[0] == 0
+    assert run(exr, out, "-m", "telea", status=None)[0] == 0
     assert out.exists()
 
 
 @pytest.mark.usefixtures("gl_context")
 def test_the_same_command_gives_the_same_bytes(exr, tmp_path):
     for name in ("a.png", "b.png"):
-        assert run(exr, tmp_path / name, "-m", "weighted-pull-push")[0] == 0
+        assert run(exr, tmp_path / name, "-m", "weighted-pull-push", status=None)[0] == 0
 
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
@@ -85,9 +85,8 @@ def test_the_same_command_gives_the_same_bytes(exr, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("gl_context")
 def test_motorcycle_is_built_in_and_measured_against_the_other_photograph(tmp_path):
-    code, said, _ = run("motorcycle", tmp_path / "out.png", "-m", "background-extension")
+    _, said, _ = run("motorcycle", tmp_path / "out.png", "-m", "background-extension")
 
-    assert code == 0
     assert "741 x 500 px" in said
     assert "PSNR" in said
     assert load_colour(tmp_path / "out.png").shape == (500, 741, 3)
@@ -101,6 +100,7 @@ def test_a_stereo_pair_is_moved_by_its_disparity(stereo):
         stereo / "out.png",
         *("-m", "telea", "--disparity", stereo / "disparity.png", "--units-per-px", 4),
         *("--right", stereo / "right.png"),
+        status=None,
     )
 
     left, filled = load_colour(stereo / "left.png"), load_colour(stereo / "out.png")
@@ -135,14 +135,13 @@ def test_a_pair_of_photographs_leaves_no_ghost_of_an_outline(photographs):
     shown = {}
     for rim_px in (None, 0, 1, 2):
         out = photographs / f"{rim_px}.png"
-        code, said, _ = run(
+        _, said, _ = run(
             photographs / "left.png",
             out,
             *("-m", "push-pull-depth", "--disparity", photographs / "disparity.png"),
             *("--steps", photographs / "steps", "--compare", photographs / "sheet.png"),
             *(() if rim_px is None else ("--rim-px", rim_px)),
         )
-        assert code == 0
         assert ("with a rim of" in said) == (rim_px != 0)
         mask = read_pixels(photographs / "steps" / "04-hole.png").data[20, :-2, 0] > 0
         sheet = (photographs / "sheet.png").read_bytes()
@@ -170,12 +169,11 @@ def test_an_outlier_of_depth_is_mended_in_a_pair_and_said(photographs):
         disparity[6, 50] = outlier
         write_pixels(photographs / "disparity.png", disparity[..., None], "Y")
         out = photographs / "filled.png"
-        code, said, _ = run(
+        _, said, _ = run(
             photographs / "left.png",
             out,
             *("-m", "push-pull-depth", "--disparity", photographs / "disparity.png", *more),
         )
-        assert code == 0
         holes = said.partition("holes ")[2].partition(" %")[0]
         shown[outlier, more] = out.read_bytes(), holes, "outliers of depth mended: 1" in said
 
@@ -191,8 +189,7 @@ def test_a_file_has_no_rim_unless_it_is_asked_for(exr, tmp_path):
     for rim_px in (None, 0, 1):
         out = tmp_path / f"{rim_px}.png"
         more = () if rim_px is None else ("--rim-px", rim_px)
-        code, said[rim_px], _ = run(exr, out, "-m", "push-pull-depth", *more)
-        assert code == 0
+        _, said[rim_px], _ = run(exr, out, "-m", "push-pull-depth", *more)
         pixels[rim_px] = out.read_bytes()
 
     assert pixels[None] == pixels[0] != pixels[1]
@@ -216,7 +213,7 @@ def masked(tmp_path):
 def test_a_masked_picture_is_filled_where_the_mask_is_white_and_stays_elsewhere(masked):
     """By every method, against the picture itself; OpenCV's one call is one of them."""
     every = [entry.name for entry in METHODS if not entry.takes_path]
-    code, said, _ = run(
+    _, said, _ = run(
         masked / "photo.png",
         masked / "out.png",
         *("--mask", masked / "mask.png", "--truth", masked / "photo.png"),
@@ -224,7 +221,6 @@ def test_a_masked_picture_is_filled_where_the_mask_is_white_and_stays_elsewhere(
         *(word for name in every for word in ("-m", name)),
     )
 
-    assert code == 0
     assert "holes 1.95 % of the frame" in said  # 60 of 64 x 48
     assert all(name in said for name in every)
     before, after = (read_pixels(masked / name).data for name in ("photo.png", "out.png"))
@@ -307,6 +303,7 @@ def test_half_the_amount_moves_half_as_far_and_has_no_truth(stereo):
         stereo / "out.png",
         *("-m", "telea", "--disparity", stereo / "disparity.png", "--units-per-px", 4),
         *("--right", stereo / "right.png", "--amount", 0.5),
+        status=None,
     )
 
     left, filled = load_colour(stereo / "left.png"), load_colour(stereo / "out.png")
@@ -318,16 +315,15 @@ def test_half_the_amount_moves_half_as_far_and_has_no_truth(stereo):
 def test_a_comparison_shows_every_method(exr, tmp_path):
     sheet = tmp_path / "sheet.png"
     methods = [part for name in CPU_METHODS for part in ("-m", name)]
-    code, said, _ = run(exr, tmp_path / "out.png", "--compare", sheet, *methods)
+    _, said, _ = run(exr, tmp_path / "out.png", "--compare", sheet, *methods)
 
-    assert code == 0
     assert f"wrote {sheet} (4 methods)" in said
     assert read_pixels(sheet).data.shape[1] > 3 * 320  # three columns of enlarged tiles
 
 
 @pytest.mark.usefixtures("gl_context")
 def test_a_comparison_without_methods_takes_all_of_them(exr, tmp_path):
-    _, said, _ = run(exr, tmp_path / "out.png", "--compare", tmp_path / "sheet.png")
+    _, said, _ = run(exr, tmp_path / "out.png", "--compare", tmp_path / "sheet.png", status=None)
 
     every = [entry.name for entry in METHODS if not entry.takes_path]
     assert f"({len(every)} methods)" in said
@@ -336,7 +332,7 @@ def test_a_comparison_without_methods_takes_all_of_them(exr, tmp_path):
 @pytest.mark.usefixtures("gl_context")
 def test_steps_are_written_as_pictures(exr, tmp_path):
     folder = tmp_path / "steps"
-    code, _, _ = run(exr, tmp_path / "out.png", "-m", "telea", "--steps", folder)
+    code, _, _ = run(exr, tmp_path / "out.png", "-m", "telea", "--steps", folder, status=None)
 
     names = sorted(path.name for path in folder.glob("*.png"))
     assert code == 0
@@ -376,15 +372,22 @@ def test_metameric_steps_show_bands_moments_and_noise(gl_context, frame):
 @pytest.mark.usefixtures("gl_context")
 def test_a_parameter_reaches_the_method(exr, tmp_path):
     for radius in (1, 9):
-        run(exr, tmp_path / f"{radius}.png", "-m", "telea", "--set", f"radius_px={radius}")
+        run(
+            exr,
+            tmp_path / f"{radius}.png",
+            "-m",
+            "telea",
+            "--set",
+            f"radius_px={radius}",
+            status=None,
+        )
 
     assert (tmp_path / "1.png").read_bytes() != (tmp_path / "9.png").read_bytes()
 
 
 def test_list_names_every_method_without_a_source():
-    code, said, _ = run("--list")
+    _, said, _ = run("--list")
 
-    assert code == 0
     for entry in METHODS:
         assert entry.shown_name in said
 
@@ -564,7 +567,7 @@ def test_bright_light_is_refused_or_clipped_when_asked(gl_context, tmp_path, rng
     arguments = (tmp_path / "hdr.exr", tmp_path / "out.png", "-m", "telea")
 
     assert "lower the exposure, or allow clipping" in refusal(*arguments)
-    assert run(*arguments, "--clip")[0] == 0
+    assert run(*arguments, "--clip", status=None)[0] == 0
     assert gl_context is not None
 
 
@@ -581,7 +584,7 @@ def test_channels_and_encoded_colour_can_be_told(tmp_path):
     assert "must have a channel Z" in refusal(*arguments)
     assert "did you mean 'depth'" in refusal(*arguments, "--channel", "deep=far")
     for more, value in (([], 188), (["--encoded"], 128)):
-        assert run(*arguments, *named, *more)[0] == 0
+        assert run(*arguments, *named, *more, status=None)[0] == 0
         assert (read_pixels(tmp_path / "out.png").data == value).all()
 
 
@@ -603,9 +606,8 @@ def test_a_frame_that_leaves_the_view_whole_is_refused(tmp_path):
 @pytest.mark.usefixtures("gl_context")
 @pytest.mark.parametrize("seed", [-1, 1.5, "one"])
 def test_a_seed_is_a_whole_number_from_0(exr, tmp_path, seed):
-    code, _, said = run(exr, tmp_path / "out.png", "-m", "telea", "--seed", seed)
+    _, _, said = run(exr, tmp_path / "out.png", "-m", "telea", "--seed", seed, status=2)
 
-    assert code == 2
     assert "--seed" in said
 
 
@@ -633,9 +635,8 @@ def test_frames_of_one_pixel_and_one_line_are_filled(tmp_path, frame, name, cut)
     )
     save_warp_input(tmp_path / "small.exr", small)
 
-    code, _, said = run(tmp_path / "small.exr", tmp_path / "out.png", "-m", name)
+    run(tmp_path / "small.exr", tmp_path / "out.png", "-m", name)
 
-    assert code == 0, said
     assert load_colour(tmp_path / "out.png").shape == small.source.colour.shape
 
 
@@ -646,11 +647,10 @@ def test_a_frame_all_at_infinity_is_filled_and_shown_in_steps(tmp_path, frame):
     )
     save_warp_input(tmp_path / "sky.exr", sky)
 
-    code, _, said = run(
+    run(
         tmp_path / "sky.exr", tmp_path / "out.png", "-m", "metameric", "--steps", tmp_path / "steps"
     )
 
-    assert code == 0, said
     assert (load_colour(next((tmp_path / "steps").glob("*source-depth*.png"))) == 0).all()
 
 

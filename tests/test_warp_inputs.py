@@ -108,13 +108,12 @@ def test_what_moves_faster_is_nearer_unless_depth_is_told(scene):
 @pytest.mark.usefixtures("gl_context")
 @pytest.mark.parametrize("depth", [(), ("--depth", "depth.png", "--depth-scale", 0.001)])
 def test_a_picture_moves_by_its_flow_file(scene, depth):
-    code, said, _ = run(
+    _, said, _ = run(
         scene / "picture.png",
         scene / "out.png",
         *("-m", "telea", "--flow", scene / "motion.flo", "--truth", scene / "truth.png"),
         *(scene / part if part == "depth.png" else part for part in depth),
     )
-    assert code == 0
     assert "inside all holes" in said
     warped_rightly(load_colour(scene / "out.png"), load_colour(scene / "picture.png"))
 
@@ -131,13 +130,12 @@ CAMERA = "64,64,31.5,23.5"  # the middle of 64 x 48 px, the first centre at 0, 0
 def test_a_picture_with_depth_is_seen_from_another_pose(scene, pose):
     """By hand: 25 cm to the right is 64 * 0.25 / z px: 8 px at 2 m, 4 px at 4 m."""
     (scene / "poses.txt").write_text("# a comment\n\n1.5 0 0 0 0 0 0 1\n2.5 0.25 0 0 0 0 0 1\n")
-    code, _, _ = run(
+    run(
         scene / "picture.png",
         scene / "out.png",
         *("-m", "telea", "--depth", scene / "depth.png", "--depth-scale", 0.001),
         *("--camera", CAMERA, "--target-pose", pose.replace("FILE", str(scene / "poses.txt"))),
     )
-    assert code == 0
     warped_rightly(load_colour(scene / "out.png"), load_colour(scene / "picture.png"))
 
 
@@ -161,11 +159,10 @@ def test_poses_are_world_from_camera_and_both_count(scene):
 @pytest.mark.usefixtures("gl_context")
 def test_a_photo_and_its_depth_are_enough_to_move_sideways(scene):
     """By hand: an eighth of 64 px is 8 px for the square at 2 m, and 4 px for the wall at 4 m."""
-    code, said, _ = run(
+    _, said, _ = run(
         scene / "picture.png", scene / "out.png", "-m", "telea", "--depth", scene / "depth.png",
         "--depth-scale", "0.001", "--parallax", "0.125",
     )  # fmt: skip
-    assert code == 0
     assert "moves by 12.5 % of the width" in said
     warped_rightly(load_colour(scene / "out.png"), load_colour(scene / "picture.png"))
 
@@ -218,6 +215,7 @@ def test_a_right_image_moves_to_the_left_camera(scene):
         scene / "out.png",
         *("-m", "telea", "--disparity", scene / "disparity.png", "--to-left"),
         *("--right", scene / "truth.png"),
+        status=None,
     )
     filled, source = (load_colour(scene / name) for name in ("out.png", "picture.png"))
     assert code == 0
@@ -242,8 +240,7 @@ def test_the_next_frame_of_a_render_is_the_truth_of_this_one(tmp_path, rng):
             tmp_path / f"{name}.exr", np.stack(list(planes.values()), -1), tuple(planes),
             types=("float",) * len(planes),
         )  # fmt: skip
-    code, said, err = run(tmp_path / "a.exr", tmp_path / "o.png", "--truth", tmp_path / "b.exr")
-    assert code == 0, err
+    _, said, _ = run(tmp_path / "a.exr", tmp_path / "o.png", "--truth", tmp_path / "b.exr")
     assert "PSNR" in said
 
 
@@ -253,17 +250,16 @@ def test_a_truth_measures_a_file_inside_interior_holes_and_inside_all(scene, rng
     flow, _ = read_flo(scene / "motion.flo")
     depth = np.where(flow[..., 0] == -8, 2, 4).astype(np.float32)
     save_warp_input(scene / "frame.exr", WarpInput(SourceFrame(source, depth), flow))
-    run(scene / "frame.exr", scene / "out.png", "-m", "push-pull-depth")
+    run(scene / "frame.exr", scene / "out.png", "-m", "push-pull-depth", status=None)
     truth = load_colour(scene / "out.png")
     truth[:, -4:] = 1.0 - truth[:, -4:] * 0.5
     save_colour(scene / "truth.png", truth)
 
-    code, said, _ = run(
+    _, said, _ = run(
         scene / "frame.exr", scene / "out.png", "-m", "push-pull-depth",
         "--truth", scene / "truth.png",
     )  # fmt: skip
 
-    assert code == 0
     inside, everywhere = said.split("inside all holes")
     assert "do not touch the border" in inside
 

@@ -9,12 +9,11 @@ import warnings
 
 import forked
 import pytest
-from typer.testing import CliRunner
+from command_line import metamerlab
 
 import stimuli.batch.executors
 from protocols.errors import StudyError
 from stimuli.batch.executors import dask_cluster
-from study_app.cli import app
 
 distributed = pytest.importorskip("distributed")
 
@@ -74,13 +73,21 @@ def test_a_build_over_tls_is_the_build_made_here(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with cluster_of(certificates, n_workers=1, processes=True) as cluster:
-            done = CliRunner().invoke(
-                app,
-                ["stimuli", "build", str(small_study), "--out", str(tmp_path / "far"),
-                 "--scheduler", cluster.scheduler_address, "--tls-ca-file", lab["tls_ca_file"],
-                 "--tls-cert", lab["tls_client_cert"], "--tls-key", lab["tls_client_key"]],
-            )  # fmt: skip
-    assert done.exit_code == 0, done.output
+            metamerlab(
+                "stimuli",
+                "build",
+                str(small_study),
+                "--out",
+                str(tmp_path / "far"),
+                "--scheduler",
+                cluster.scheduler_address,
+                "--tls-ca-file",
+                lab["tls_ca_file"],
+                "--tls-cert",
+                lab["tls_client_cert"],
+                "--tls-key",
+                lab["tls_client_key"],
+            )
     here, far = (
         {file.relative_to(tmp_path / name): file.read_bytes() for file in files}
         for name in ("here", "far")
@@ -217,17 +224,13 @@ def test_a_cluster_that_is_lost_is_told():
     ],
 )
 def test_certificates_that_cannot_be_used_are_told(small_study, tmp_path, words, said):
-    done = CliRunner().invoke(
-        app,
-        ["stimuli", "build", str(small_study), "--out", str(tmp_path / "clips"),
-         *(word.format(here=__file__) for word in words)],
-    )  # fmt: skip
-    assert done.exit_code == 2, done.output
+    done = metamerlab("stimuli", "build", str(small_study), "--out", str(tmp_path / "clips"),
+         *(word.format(here=__file__) for word in words), status=2)  # fmt: skip
     assert said in " ".join(done.stderr.split())
     assert not (tmp_path / "clips").exists()
 
 
 def test_the_help_says_who_reaches_a_scheduler():
-    said = " ".join(CliRunner().invoke(app, ["stimuli", "build", "--help"]).output.split())
+    said = " ".join(metamerlab("stimuli", "build", "--help", status=None).output.split())
     for part in ("--host", "--tls-ca-file", "tls://HOST:PORT", "network that you trust"):
         assert part in said

@@ -81,10 +81,8 @@ def test_a_lossy_video_is_near_and_complete(frames, tmp_path, ending):
 
 def test_foveating_a_video_is_foveating_its_frames_and_writes_a_video(frames, lossless, tmp_path):
     words = ("--method", "blur", "--numpy", "--gaze", "10,10")
-    done = run("foveate", frames, tmp_path / "a", *words)
-    assert done.exit_code == 0, done.output
-    done = run("foveate", lossless, tmp_path / "b", *words, "--video", tmp_path / "b.avi")
-    assert done.exit_code == 0, done.output
+    run("foveate", frames, tmp_path / "a", *words)
+    run("foveate", lossless, tmp_path / "b", *words, "--video", tmp_path / "b.avi")
     with unpacked_video(tmp_path / "b.avi") as shown:
         assert (shown.frames, shown.fps) == (4, 24.0)
         for number in range(4):
@@ -100,9 +98,8 @@ def test_frames_of_16_bits_become_a_video_of_8(tmp_path, rng):
     colours = rng.integers(0, 65536, (2, 48, 64, 3)).astype(np.uint16)
     for number, colour in enumerate(colours):
         cv2.imwrite(str(tmp_path / "deep" / f"{number:06d}.png"), colour[..., ::-1])
-    done = run("foveate", tmp_path / "deep", tmp_path / "out", "--method", "reference", "--numpy",
+    run("foveate", tmp_path / "deep", tmp_path / "out", "--method", "reference", "--numpy",
                "--gaze", "10,10", "--video", tmp_path / "v.avi")  # fmt: skip
-    assert done.exit_code == 0, done.output
     with unpacked_video(tmp_path / "v.avi") as shown:
         for number, colour in enumerate(colours):
             found = read_picture(shown.folder / f"{number:06d}.png")
@@ -138,8 +135,7 @@ def test_what_killed_commands_left_of_one_picture_goes_with_the_next(frames, tmp
     kept = [f".out.png.{os.getppid()}.part", f".thesis.{dead}.part", f".out.txt.{dead}.part"]
     for name in kept:
         (tmp_path / name).write_bytes(b"precious")
-    done = run("foveate", frames / "000000.png", out, "--method", "reference", "--numpy")
-    assert done.exit_code == 0, done.output
+    run("foveate", frames / "000000.png", out, "--method", "reference", "--numpy")
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {*kept, "out.png"}
 
 
@@ -149,7 +145,17 @@ def test_scoring_a_video_gives_its_frames_scores_at_its_rate(frames, lossless, t
     for file in frames.iterdir():
         save_picture(second / file.name, read_picture(file) // 2)
     by_folder, by_video = (
-        run("stimuli", "score", given, second, "--metrics", "psnr,ssim", "--workers", "1")
+        run(
+            "stimuli",
+            "score",
+            given,
+            second,
+            "--metrics",
+            "psnr,ssim",
+            "--workers",
+            "1",
+            status=None,
+        )
         for given in (frames, lossless)
     )
     assert by_folder.exit_code == 0, by_folder.output
@@ -174,8 +180,7 @@ def test_mistakes_with_videos_are_told(frames, lossless, tmp_path, words, said):
     (tmp_path / "bad.mp4").write_bytes(b"no video")
     places = {"v": lossless, "p": frames / "000000.png", "b": tmp_path / "bad.mp4",
               "o": tmp_path / "o"}  # fmt: skip
-    done = run("foveate", *(word.format(**places) for word in words), "--numpy")
-    assert done.exit_code == 2, done.output
+    done = run("foveate", *(word.format(**places) for word in words), "--numpy", status=2)
     assert said in " ".join(done.stderr.split())
 
 

@@ -117,11 +117,10 @@ def test_a_rival_that_cannot_be_so_small_is_said_in_its_row(tmp_path, rng):
     png = tmp_path / "noise.png"
     Image.fromarray(rng.integers(0, 256, (192, 192, 3), np.uint8)).save(png)
     file, sheet = tmp_path / "p.metamer", tmp_path / "sheet.png"
-    code, said, error = run(
+    _, said, _ = run(
         "compress", png, "--out", file, "--gaze", "30,40", "--angles", "32", "--size-kb", "2",
         "--compare", sheet,
     )  # fmt: skip
-    assert code == 0, error
     assert file.stat().st_size <= 2000
     assert "--compare has no plain" in said
     assert "bytes are too few" in said
@@ -130,19 +129,17 @@ def test_a_rival_that_cannot_be_so_small_is_said_in_its_row(tmp_path, rng):
 
 def test_commands_make_a_file_and_a_picture(tmp_path, png, picture):
     file, back = tmp_path / "p.metamer", tmp_path / "back.png"
-    code, said, error = run(
+    _, said, _ = run(
         "compress", png, "--out", file, "--gaze", "30,40", "--angles", "64", "--size-kb", "2.5",
         "--compare", tmp_path / "sheet.png",
     )  # fmt: skip
-    assert code == 0, error
     assert file.stat().st_size <= 2500
     assert "1:" in said
     assert "field of view: 40.0" in said
     with Image.open(tmp_path / "sheet.png") as sheet:
         assert sheet.width > 600
     for options in ((), ("--numpy",)):
-        code, said, error = run("decompress", file, "--out", back, "--seed", "4", *options)
-        assert code == 0, error
+        _, said, _ = run("decompress", file, "--out", back, "--seed", "4", *options)
         with Image.open(back) as image:
             shown = np.asarray(image).astype(float) / 255
         wanted = decompress(compressed_file.read_compressed(file), seed=4)
@@ -163,8 +160,7 @@ def test_work_that_takes_long_is_named_while_it_goes_on(tmp_path, png):
 
 def test_what_a_size_leaves_unused_is_said(tmp_path, png):
     words = ("compress", png, "--out", tmp_path / "p.metamer", "--angles", "32", "--size-kb", "50")
-    code, said, _ = run(*words)
-    assert code == 0
+    _, said, _ = run(*words)
     assert "more --angles" in said
 
 
@@ -174,18 +170,15 @@ def test_a_folder_is_a_clip(tmp_path, png):
     for index in range(3):
         (frames / f"{index:06}.png").write_bytes(png.read_bytes())
     file = tmp_path / "clip.metamer"
-    code, said, error = run("compress", frames, "--out", file, "--angles", "64", "--hold", "2")
-    assert code == 0, error
+    _, said, _ = run("compress", frames, "--out", file, "--angles", "64", "--hold", "2")
     assert "3 x 96 x 96 px" in said
-    code, _, error = run("decompress", file, "--out", tmp_path / "back", "--numpy")
-    assert code == 0, error
+    run("decompress", file, "--out", tmp_path / "back", "--numpy")
     names = sorted(path.name for path in (tmp_path / "back").iterdir())
     assert names == ["000000.png", "000001.png", "000002.png"]
 
 
 def test_frames_share_statistics_and_one_picture_does_not(tmp_path, png):
-    code, _, error = run("compress", png, "--out", tmp_path / "a.metamer", "--hold", "2")
-    assert code == 2
+    _, _, error = run("compress", png, "--out", tmp_path / "a.metamer", "--hold", "2", status=2)
     assert "--hold is for frames and videos" in error
     assert not (tmp_path / "a.metamer").exists()
 
@@ -193,7 +186,7 @@ def test_frames_share_statistics_and_one_picture_does_not(tmp_path, png):
 def test_neither_the_picture_nor_frames_of_others_are_written_over(tmp_path, png):
     before = png.read_bytes()
     file = tmp_path / "clip.metamer"
-    code, _, error = run("compress", png, "--out", file, "--compare", png)
+    code, _, error = run("compress", png, "--out", file, "--compare", png, status=None)
     assert (code, png.read_bytes()) == (2, before)
     assert f"--compare: {png} is read by this command" in error
     frames, shown = tmp_path / "frames", tmp_path / "shown"
@@ -201,9 +194,8 @@ def test_neither_the_picture_nor_frames_of_others_are_written_over(tmp_path, png
         folder.mkdir()
         for index in range(2):
             (folder / f"{index:06}.png").write_bytes(before)
-    assert run("compress", frames, "--out", file, "--angles", "64")[0] == 0
-    code, _, error = run("decompress", file, "--out", shown)
-    assert code == 2
+    assert run("compress", frames, "--out", file, "--angles", "64", status=None)[0] == 0
+    code, _, error = run("decompress", file, "--out", shown, status=2)
     assert "must be empty or new" in error
     assert {path.read_bytes() for path in shown.iterdir()} == {before}
 
@@ -217,14 +209,12 @@ def test_a_video_is_compressed_as_its_frames_are_and_comes_back_as_one(tmp_path,
     write_video(tmp_path / "walk.avi", sorted(frames.iterdir()), 24.0)
     for source in ("frames", "walk.avi"):
         words = ("--out", tmp_path / f"{source}.metamer", "--angles", "64")
-        code, _, error = run("compress", tmp_path / source, *words)
-        assert code == 0, error
+        run("compress", tmp_path / source, *words)
     file = tmp_path / "walk.avi.metamer"
     assert file.read_bytes() == (tmp_path / "frames.metamer").read_bytes()
     back, video = tmp_path / "back", tmp_path / "made/back.avi"
     words = ("--out", back, "--video", video, "--fps", "12", "--numpy")
-    code, _, error = run("decompress", file, *words)
-    assert code == 0, error
+    run("decompress", file, *words)
     with unpacked_video(video) as found:
         assert (found.frames, found.fps) == (2, 12.0)
         for name in ("000000.png", "000001.png"):
@@ -257,8 +247,7 @@ def test_mistakes_get_one_message(tmp_path, monkeypatch, png, picture, words, me
         (tmp_path / name).write_bytes(compressed_file.to_bytes(made))
     before = sorted(tmp_path.iterdir())
     named = {"PNG": png, "CLIP": "clip.metamer", "ONE": "one.metamer"}
-    code, _, said = run(*(named.get(word, word) for word in words))
-    assert code == 2, said
+    _, _, said = run(*(named.get(word, word) for word in words), status=2)
     assert message in said
     assert sorted(tmp_path.iterdir()) == before
 
@@ -266,8 +255,7 @@ def test_mistakes_get_one_message(tmp_path, monkeypatch, png, picture, words, me
 def test_the_parts_of_a_file_are_written_as_pictures(tmp_path, png):
     steps = tmp_path / "parts"
     file = tmp_path / "picture.metamer"
-    code, out, _ = run("compress", png, "--out", file, "--angles", 64, "--steps", steps)
-    assert code == 0, out
+    run("compress", png, "--out", file, "--angles", 64, "--steps", steps)
     names = ["picture", "cells", "maps", "density", "base", "shown"]
     numbered = [f"{number:02d}-{name}.png" for number, name in enumerate(names)]
     assert sorted(path.name for path in steps.glob("*.png")) == [*numbered, "sheet.png"]
@@ -277,7 +265,16 @@ def test_the_parts_of_a_file_are_written_as_pictures(tmp_path, png):
         np.testing.assert_array_equal(np.asarray(shown), np.rint(255 * decompress(held)))
 
     code, _, _ = run(
-        "compress", png, "--out", file, "--angles", 64, "--no-statistics", "--steps", steps
+        "compress",
+        png,
+        "--out",
+        file,
+        "--angles",
+        64,
+        "--no-statistics",
+        "--steps",
+        steps,
+        status=None,
     )
     assert code == 0  # a file without maps has no picture of them
-    assert run("compress", png, "--out", file, "--steps", png)[0] == 2
+    assert run("compress", png, "--out", file, "--steps", png, status=None)[0] == 2

@@ -10,10 +10,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from command_line import metamerlab
 from PIL import Image
 from skimage import data
 from study_texts import shipped_study
-from typer.testing import CliRunner
 from virtual_screen import VirtualScreen
 
 from analysis.report.report_source import from_sessions
@@ -35,7 +35,6 @@ from stimuli.foveate.clip_to_files import ClipSettings, foveate_clip
 from stimuli.media.gaze_and_display import StatedViewing
 from stimuli.recipes.build_foveated_images import FoveatedBuilder
 from study_app.attempt import GazeWatcher
-from study_app.cli import app
 from study_app.cli.pictures.foveate import track_of
 from study_app.cli.pictures.live_renderer import FoveatingStudio
 from study_app.conduct import conduct
@@ -587,7 +586,7 @@ def test_the_shipped_live_studies_simulate_whole_and_are_reported_with_their_lat
     whole = LatencySummary.of([a.live for a in events])
     source = from_sessions(tmp_path / "s", study, None)
     assert source.provenance["sample_to_flip"] == whole.model_dump(mode="json")
-    listed = CliRunner().invoke(app, ["session", "status", str(tmp_path / "s" / name / "S001")])
+    listed = metamerlab("session", "status", str(tmp_path / "s" / name / "S001"), status=None)
     assert "sample to flip" in listed.stdout
     assert "ms, 95 %" in listed.stdout
     if name == "live-preference":  # tests of the other kind of report take as long
@@ -681,15 +680,13 @@ def test_verify_render_says_what_it_needs(small, tmp_path, monkeypatch):
         ((*whole, "--captured", tmp_path / "none"), "must hold captures of the screen"),
         ((*whole, "--captured", clips / study.shown()[0]), "must show the whole screen"),
     ):
-        done = CliRunner().invoke(app, ["session", "verify", str(made), *map(str, words)])
-        assert done.exit_code == 2, done.output
+        done = metamerlab("session", "verify", str(made), *map(str, words), status=2)
         assert message in " ".join(done.stderr.split())
     monkeypatch.setattr(TrialDrawer, "_check", lambda *_: None)  # the manifest says: simulated
     words = ["session", "verify", str(made), *map(str, whole)]
-    assert "must hold frames to draw again (none was kept" in CliRunner().invoke(app, words).stderr
+    assert "must hold frames to draw again (none was kept" in metamerlab(*words, status=None).stderr
     # Killed before its first attempt: there is nothing to draw, and nothing amiss.
     journal = next(made.rglob("journal.jsonl"))
     journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:1]))
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, done.output
+    done = metamerlab(*words)
     assert "0 live frames, 0 drawn again" in done.stdout

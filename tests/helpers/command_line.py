@@ -1,30 +1,33 @@
 """Commands of `metamerlab` as a user types them, run in this process."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from click.testing import Result
 from typer.testing import CliRunner
 
 
+def metamerlab(*words: object, status: int | None = 0, **options: Any) -> Result:
+    """Run a command, which must end with a status (None: any); `options` are the runner's."""
+    from study_app.cli import app
+
+    done = CliRunner().invoke(app, [str(word) for word in words], **options)
+    assert status in (None, done.exit_code), (done.exit_code, done.output, done.exception)
+    return done
+
+
 def result_of(*first: str, **options: Any) -> Callable[..., Result]:
-    """Return a function that runs a command whose words begin so; `options` are the runner's."""
-
-    def run(*more: object) -> Result:
-        from study_app.cli import app
-
-        return CliRunner().invoke(app, [*first, *map(str, more)], **options)
-
-    return run
+    """Return a function that runs a command whose words begin so."""
+    return partial(metamerlab, *first, **options)
 
 
 def outcome_of(*first: str) -> Callable[..., tuple[int, str, str]]:
     """Return a function that runs a command and gives its status and both of its texts."""
-    run = result_of(*first, catch_exceptions=False)
 
-    def parts(*more: object) -> tuple[int, str, str]:
-        result = run(*more)
-        return result.exit_code, result.stdout, result.stderr
+    def parts(*more: object, status: int | None = 0) -> tuple[int, str, str]:
+        done = metamerlab(*first, *more, status=status, catch_exceptions=False)
+        return done.exit_code, done.stdout, done.stderr
 
     return parts
 
@@ -34,8 +37,7 @@ def refusal_of(*first: str) -> Callable[..., str]:
     run = outcome_of(*first)
 
     def said(*more: object) -> str:
-        code, _, told = run(*more)
-        assert code == 2, told
+        _, _, told = run(*more, status=2)
         assert told.startswith("error: "), told
         assert "Traceback" not in told
         return told

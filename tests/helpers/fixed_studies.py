@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from command_line import metamerlab
 from made_up_trials import (
     TaskDesign,
     simulate_abx,
@@ -235,9 +236,6 @@ def report_of(name: str, folder: Path, write_journals: Callable[..., Path] | Non
 
 def answer_of(name: str, folder: Path) -> dict[str, Any]:
     """Return what a command of one table says and writes."""
-    from typer.testing import CliRunner
-
-    from study_app.cli import app
 
     study, (command, *rest) = COMMANDS[name]
     rows = TABLES[study][2]()
@@ -245,8 +243,7 @@ def answer_of(name: str, folder: Path) -> dict[str, Any]:
         rows = rows.drop(columns=["expected", "answer"], errors="ignore")
     rows.to_csv(folder / "rows.csv", index=False)
     arguments = ["analysis", command, str(folder / "rows.csv"), *rest, "--out", str(folder / "out")]
-    result = CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
-    assert result.exit_code == 0, result.output
+    metamerlab(*arguments, env={"COLUMNS": "200"})
     if (folder / "out" / "report.html").is_file():
         return told(folder / "out")
     said = json.loads((folder / "out" / "results.json").read_text())

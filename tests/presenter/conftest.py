@@ -367,9 +367,13 @@ class Screen:
         text = in_haste(code, arguments, hasty)
         return Forked(*arguments, code=text, env=self.env, folder=folder)
 
-    def run(self, *arguments: object, **kwargs: object) -> subprocess.CompletedProcess[str]:
-        """Run `metamerlab` on this screen to its end."""
-        return self._ended(self.start(*arguments, **kwargs), 240)
+    def run(
+        self, *arguments: object, status: int | None = 0, **kwargs: object
+    ) -> subprocess.CompletedProcess[str]:
+        """Run `metamerlab` on this screen to its end, with a status (None: any)."""
+        done = self._ended(self.start(*arguments, **kwargs), 240)
+        assert status in (None, done.returncode), (done.returncode, done.stdout + done.stderr)
+        return done
 
     def script(
         self, text: str, *arguments: object, timeout_s: float = 240
@@ -422,7 +426,7 @@ class Screen:
         """
         read = study.folder / "read"  # how far the other process has read
         read.write_bytes(b"\xff" * 8)
-        script = Path(__file__).parents[1] / "helpers/screen_watcher.py"
+        script = Path(__file__).with_name("screen_watcher.py")
         watcher = subprocess.Popen(
             [
                 sys.executable, script, str(self.file or self.name), str(self.left),

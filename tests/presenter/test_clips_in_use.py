@@ -75,24 +75,23 @@ def test_no_session_begins_on_a_folder_that_is_being_built(screen, make_study, w
 
     ended.append(screen.start("stimuli", "build", study.path, "--out", clips, "--workers", "1"))
     wait((clips / ".build").exists, "the build's first file", process=ended[-1])
-    message = error_of(screen.run(*run))
+    message = error_of(screen.run(*run, status=None))
     ended[-1].send_signal(signal.SIGKILL)
     ended[-1].wait(timeout=30)
 
     assert f"{clips}: must be finished before a session shows its clips" in message
     assert not study.sessions.exists()
     # The killed build holds nothing: what is said now is what it left.
-    assert "must hold a finished batch of clips" in error_of(screen.run(*run))
+    assert "must hold a finished batch of clips" in error_of(screen.run(*run, status=None))
 
 
 def test_a_session_goes_on_when_the_build_is_over(screen, make_study):
     study = make_study({"pairings": '[["metameric", "push-pull"]]', "repeats": "1"})
     screen_run = screen.session("run", study, "--simulate")
     with only_build(study.stimuli):
-        assert "a build is at work" in error_of(screen.run(*screen_run))
+        assert "a build is at work" in error_of(screen.run(*screen_run, status=None))
         assert not study.sessions.exists()
 
-    done = screen.run(*screen_run)
+    screen.run(*screen_run)
 
-    assert done.returncode == 0, done.stderr
     assert [attempt.outcome for attempt in study.journal().attempts] == ["completed"]

@@ -73,6 +73,7 @@ def test_decisions_fall_within_one_frame_and_one_sample_of_the_rule(
             "--skip-validation",
             code=HEARD,
             hasty=False,
+            status=None,
         )
         outlet.wait(timeout=30)
     finally:
@@ -162,7 +163,9 @@ def test_phases_are_marked_at_the_stamps_of_their_flips(screen, make_study):
     listener = threading.Thread(target=listen)
     listener.start()
     done = screen.run(
-        *screen.session("run", study, "--simulate", "--markers", code="P77"), code=HEARD
+        *screen.session("run", study, "--simulate", "--markers", code="P77"),
+        code=HEARD,
+        status=None,
     )
     stop.set()
     listener.join(timeout=10)

@@ -51,7 +51,9 @@ MODES = {
 
 def findings(screen, study):
     """Findings of doctor, by the name of the check."""
-    done = screen.run("doctor", "--json", "--for", "sessions", "--folder", study.folder)
+    done = screen.run(
+        "doctor", "--json", "--for", "sessions", "--folder", study.folder, status=None
+    )
     return {each["check"]: each for each in json.loads(done.stdout)["findings"]}
 
 

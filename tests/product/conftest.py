@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from command_line import result_of
 from study_texts import shipped_study
-from typer.testing import CliRunner, Result
 
 from protocols.load import load_display, load_protocol
 from protocols.study_file.schema import StudyProtocol
-from study_app.cli import app
 from study_app.gaze.simulated import STEADY
 from study_app.session_folders import withdraw
 from study_app.simulate import SimulatedStudy, simulate_study
@@ -57,11 +56,7 @@ class Recorded:
 @pytest.fixture
 def metamerlab():
     """Give a function that runs a command as a user types it."""
-
-    def run(*arguments: object) -> Result:
-        return CliRunner().invoke(app, [str(entry) for entry in arguments], terminal_width=100)
-
-    return run
+    return result_of(terminal_width=100)
 
 
 @pytest.fixture(scope="session")

@@ -172,11 +172,11 @@ def test_who_takes_the_slot_of_one_who_withdrew_takes_the_place(tmp_path):
 
 
 def test_new_and_copied_studies_draw_places(metamerlab, tmp_path):
-    assert metamerlab("new-study", tmp_path / "new").exit_code == 0
+    metamerlab("new-study", tmp_path / "new")
     assert load_protocol(tmp_path / "new/study.toml").design.places == "drawn"
     for name in shipped("studies"):
         copy = tmp_path / f"my-{name}.toml"
-        assert metamerlab("protocol", "copy", name, copy).exit_code == 0
+        metamerlab("protocol", "copy", name, copy)
         assert load_protocol(copy).design.places == "drawn"
         assert copy.read_text().count('\n[design]\nplaces = "drawn"\n') == 1
 

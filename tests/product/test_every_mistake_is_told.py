@@ -179,7 +179,7 @@ def study(folder: Path, tmp_path: Path, change: tuple[str, str]) -> Path:
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_a_mistake_of_a_study_is_refused_by_its_check(folder, tmp_path, mistake):
     change, said = REFUSED[mistake]
-    done = run("protocol", "check", study(folder, tmp_path, change))
+    done = run("protocol", "check", study(folder, tmp_path, change), status=None)
     told = " ".join(done.stderr.split())
     assert done.exit_code == 2, done.output
     assert said in told
@@ -190,7 +190,6 @@ def test_a_mistake_of_a_study_is_refused_by_its_check(folder, tmp_path, mistake)
 def test_what_is_hardly_meant_or_still_to_come_is_noted(folder, tmp_path, mistake):
     change, said = NOTED[mistake]
     done = run("protocol", "check", study(folder, tmp_path, change))
-    assert done.exit_code == 0, done.output
     assert any(said in line for line in done.stdout.splitlines() if line.startswith("note: "))
 
 
@@ -199,8 +198,7 @@ def test_a_mistake_in_a_table_is_refused_by_line_or_column(tmp_path, mistake):
     text, said = TABLES[mistake]
     (tmp_path / "old.csv").write_text(text)
     for command in ("report", "import"):
-        done = run("analysis", command, tmp_path / "old.csv", "--out", tmp_path / command)
-        assert done.exit_code == 2, done.output
+        done = run("analysis", command, tmp_path / "old.csv", "--out", tmp_path / command, status=2)
         assert said in " ".join(done.stderr.split())
         assert str(tmp_path / "old.csv") in done.stderr
         assert not (tmp_path / command).exists()

@@ -20,8 +20,7 @@ from study_app.cli.new_study_command import slug
 
 @pytest.fixture
 def made(metamerlab, tmp_path) -> Path:
-    done = metamerlab("new-study", tmp_path / "My Study 2")
-    assert done.exit_code == 0, done.output
+    metamerlab("new-study", tmp_path / "My Study 2")
     return tmp_path / "My Study 2"
 
 
@@ -29,7 +28,6 @@ def test_it_is_in_order_at_once_from_wherever_it_is_checked(metamerlab, made, mo
     for folder, name in ((made, "study.toml"), (made.parent, "My Study 2/study.toml")):
         monkeypatch.chdir(folder)
         done = metamerlab("protocol", "check", name)
-        assert done.exit_code == 0, done.output
         assert "my-study-2: in order" in done.stdout
     assert {path.name for path in made.iterdir()} == {
         "README.md", "study.toml", "display.toml", "schemas", "scenes", "clips", "sessions",
@@ -41,11 +39,9 @@ def test_it_is_in_order_at_once_from_wherever_it_is_checked(metamerlab, made, mo
 
 @pytest.mark.parametrize("display", shipped("displays"))
 def test_it_is_in_order_for_every_shipped_display(metamerlab, tmp_path, display):
-    made = metamerlab("new-study", tmp_path / "study", "--display", display)
-    assert made.exit_code == 0, made.output
+    metamerlab("new-study", tmp_path / "study", "--display", display)
 
-    done = metamerlab("protocol", "check", tmp_path / "study" / "study.toml")
-    assert done.exit_code == 0, done.output
+    metamerlab("protocol", "check", tmp_path / "study" / "study.toml")
     copied = load_display(str(tmp_path / "study" / "display.toml"))
     # A display that will be changed must not go by the name of another in manifests and journals.
     assert copied.name == "my-display"
@@ -168,9 +164,8 @@ def test_mistakes_are_told_and_leave_nothing(metamerlab, tmp_path, monkeypatch, 
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "a-file").write_text("mine")
 
-    done = metamerlab("new-study", *arguments)
+    done = metamerlab("new-study", *arguments, status=2)
 
-    assert done.exit_code == 2, done.output
     assert message in " ".join(done.stderr.split())
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["a-file", "full"]
 
@@ -178,7 +173,7 @@ def test_mistakes_are_told_and_leave_nothing(metamerlab, tmp_path, monkeypatch, 
 def test_an_empty_folder_is_taken(metamerlab, tmp_path):
     (tmp_path / "empty").mkdir()
 
-    assert metamerlab("new-study", tmp_path / "empty").exit_code == 0
+    metamerlab("new-study", tmp_path / "empty")
     assert (tmp_path / "empty" / "study.toml").is_file()
 
 
@@ -245,10 +240,9 @@ camera = { kind = "stereo" }
     )
 
     done = metamerlab("protocol", "check", path)
-    assert done.exit_code == 0, done.output
     said = " ".join(done.stdout.split())
     assert "note: stimuli.scenes[2].file: the file is not there" in said
     assert "stimuli.scenes[3]" not in said
 
     (made / "scenes" / "place.glb").write_bytes(b"")
-    assert "note" not in metamerlab("protocol", "check", path).stdout
+    assert "note" not in metamerlab("protocol", "check", path, status=None).stdout

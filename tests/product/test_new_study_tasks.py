@@ -30,8 +30,7 @@ def made(metamerlab, tmp_path):
 
     def make(task: str) -> Path:
         folder = tmp_path / task
-        done = metamerlab("new-study", folder, "--task", task)
-        assert done.exit_code == 0, done.output
+        metamerlab("new-study", folder, "--task", task)
         return folder / "study.toml"
 
     return make
@@ -59,7 +58,6 @@ def test_it_is_in_order_at_once(metamerlab, made, task):
     path = made(task)
     done = metamerlab("protocol", "check", path)
 
-    assert done.exit_code == 0, done.output
     assert "in order" in done.stdout
     # It begins with two scenes; that this is few is said, and nothing else.
     notes = [line for line in done.stdout.splitlines() if line.startswith("note:")]
@@ -152,8 +150,7 @@ def test_the_examples_of_adaptive_levels_are_valid_and_run(
     path.write_text(text, encoding="utf-8")
 
     assert load_protocol(path).task.adaptation.rule == rule
-    done = metamerlab("session", "simulate", path, "--out", tmp_path / "s", "--participants", 1)
-    assert done.exit_code == 0, done.output
+    metamerlab("session", "simulate", path, "--out", tmp_path / "s", "--participants", 1)
     attempts = read_journal(tmp_path / "s" / task / "S001" / "journal.jsonl").attempts
     decided = [a for a in attempts if a.role == "main" and a.outcome == "completed"]
     study = load_protocol(path)
@@ -169,8 +166,7 @@ def test_the_example_of_active_pairs_is_valid_and_runs(metamerlab, made, tmp_pat
     text = text.replace('pairings = "all"\n', "").replace("repeats = 2", "repeats = 1")
     path.write_text(text, encoding="utf-8")
 
-    done = metamerlab("session", "simulate", path, "--out", tmp_path / "s", "--participants", 1)
-    assert done.exit_code == 0, done.output
+    metamerlab("session", "simulate", path, "--out", tmp_path / "s", "--participants", 1)
     attempts = read_journal(tmp_path / "s" / task / "S001" / "journal.jsonl").attempts
     decided = [a for a in attempts if a.role == "main" and a.outcome == "completed"]
     assert len(decided) == 60
@@ -214,15 +210,12 @@ def test_its_pictures_are_built_simulated_and_listed(metamerlab, made, tmp_path,
     path = made(task)
     clips, sessions = tmp_path / "clips", tmp_path / "sessions"
 
-    built = metamerlab("stimuli", "build", path, "--out", clips)
-    assert built.exit_code == 0, built.output
-    assert metamerlab("stimuli", "check", clips).exit_code == 0
-    checked = metamerlab("protocol", "check", path, "--stimuli", clips)
-    assert checked.exit_code == 0, checked.output
-    done = metamerlab(
+    metamerlab("stimuli", "build", path, "--out", clips)
+    metamerlab("stimuli", "check", clips)
+    metamerlab("protocol", "check", path, "--stimuli", clips)
+    metamerlab(
         "session", "simulate", path, "--stimuli", clips, "--out", sessions, "--participants", 1
     )
-    assert done.exit_code == 0, done.output
     attempts = read_journal(sessions / task / "S001" / "journal.jsonl").attempts
     main = [a for a in attempts if a.role == "main" and a.outcome == "completed"]
     right = [attempt.correct for attempt in main]
@@ -239,19 +232,16 @@ def test_show_and_preregister_say_the_task_the_question_and_the_right_answer(
 ):
     path = made(task)
     shown = metamerlab("protocol", "show", path, "--slot", 1)
-    assert shown.exit_code == 0, shown.output
     assert f"{task}: " in shown.stdout
     written = metamerlab("protocol", "preregister", path)
-    assert written.exit_code == 0, written.output
     study = load_protocol(path)
     assert f'"{study.text.languages["en"].question}"' in written.stdout
     assert study.task.right_answer() in written.stdout
 
 
 def test_an_unknown_task_gets_the_nearest_name_and_leaves_nothing(metamerlab, tmp_path):
-    done = metamerlab("new-study", tmp_path / "x", "--task", "yesno")
+    done = metamerlab("new-study", tmp_path / "x", "--task", "yesno", status=2)
 
-    assert done.exit_code == 2
     said = " ".join(done.stderr.split())
     assert "--task: must be one of two-interval, two-alternative, yes-no" in said
     assert "did you mean 'yes-no'?" in said
@@ -285,8 +275,7 @@ def test_a_column_called_condition_is_compared_from_check_to_report(metamerlab, 
         ("analysis", "report", folders["sessions"], "--protocol", path,
          "--out", folders["report"], "--no-figures"),
     ):  # fmt: skip
-        done = metamerlab(*words)
-        assert done.exit_code == 0, done.output
+        metamerlab(*words)
 
     page = (folders["report"] / "report.html").read_text(encoding="utf-8")
     assert "coarse minus fine" in page

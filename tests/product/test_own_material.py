@@ -96,7 +96,6 @@ def test_from_files_to_a_first_report_and_its_figure_in_seven_commands(
     )
     for command in commands:
         done = metamerlab(*command.split())
-        assert done.exit_code == 0, f"{command}: {done.output}"
         assert "Traceback" not in done.output
     page = Path("report2/report.html").read_text(encoding="utf-8")
     assert "Telea" in page
@@ -108,8 +107,7 @@ def test_from_files_to_a_first_report_and_its_figure_in_seven_commands(
     for text in ("Telea", "Reference", "JOD", "SIMULATED DATA"):
         assert text in drawn, text
     assert "Hall, large" not in drawn
-    done = metamerlab("figure", "study.toml", "--report", "report2", "--frame", "99")
-    assert done.exit_code == 2
+    done = metamerlab("figure", "study.toml", "--report", "report2", "--frame", "99", status=2)
     assert "--frame: must be 0 to 9" in " ".join(done.stderr.split())
 
 
@@ -156,12 +154,11 @@ def test_every_pair_given_is_held_each_with_its_own_rig(metamerlab, own, tmp_pat
     second = ("--pair", own / "left.png", own / "right.png", tmp_path / "four.npy")
     study = tmp_path / "s"
 
-    done = metamerlab(
+    metamerlab(
         "new-study", study, *pair_of(own), *second, "--pair", *["motorcycle"] * 3, "--baseline-m",
         "0.2", "--units-per-px", "1", "--units-per-px", "4", "--units-per-px", "1",
     )  # fmt: skip
 
-    assert done.exit_code == 0, done.output
     read = tomllib.loads((study / "study.toml").read_text(encoding="utf-8"))
     scenes = {scene["name"]: scene for scene in read["stimuli"]["scenes"]}
     assert list(scenes) == ["pair", "pair-2", "motorcycle"]
@@ -173,12 +170,11 @@ def test_every_pair_given_is_held_each_with_its_own_rig(metamerlab, own, tmp_pat
 
 
 def test_without_the_true_view_there_are_no_catch_trials_and_it_is_said(metamerlab, tmp_path):
-    done = metamerlab("new-study", tmp_path / "s", "--methods", "telea,navier-stokes")
-    assert done.exit_code == 0, done.output
+    metamerlab("new-study", tmp_path / "s", "--methods", "telea,navier-stokes")
     text = (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
     assert "# No catch trials" in text
     assert "catch" not in tomllib.loads(text)["task"]
-    assert metamerlab("protocol", "check", tmp_path / "s" / "study.toml").exit_code == 0
+    metamerlab("protocol", "check", tmp_path / "s" / "study.toml")
 
 
 def test_networks_are_copied_and_folders_of_frames_are_found_from_the_study(
@@ -195,9 +191,8 @@ def test_networks_are_copied_and_folders_of_frames_are_found_from_the_study(
     (tmp_path / "filled").mkdir()
     named = "onnx:My Net.onnx,frames:filled/{scene}/{size},frames:later/{scene}/{size}"
 
-    done = metamerlab("new-study", "s", "--scene", "garden", "--methods", named)
+    metamerlab("new-study", "s", "--scene", "garden", "--methods", named)
 
-    assert done.exit_code == 0, done.output
     read = tomllib.loads(Path("s/study.toml").read_text(encoding="utf-8"))
     assert [(each["name"], each["method"]) for each in read["stimuli"]["methods"]] == [
         ("my-net", "onnx:networks/my-net/My Net.onnx"),
@@ -243,9 +238,10 @@ def test_mistakes_are_told_before_anything_is_written(metamerlab, own, tmp_path,
     np.save(own / "small.npy", disparity[::2, ::2])
     np.save(own / "four.npy", 4 * disparity)
 
-    done = metamerlab("new-study", tmp_path / "s", *(word.format(own=own) for word in words))
+    done = metamerlab(
+        "new-study", tmp_path / "s", *(word.format(own=own) for word in words), status=2
+    )
 
-    assert done.exit_code == 2, done.output
     assert said in " ".join(done.stderr.split())
     assert not list(tmp_path.iterdir())
 

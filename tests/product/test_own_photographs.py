@@ -5,6 +5,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from command_line import metamerlab
 from PIL import Image
 from skimage import data
 
@@ -22,9 +23,6 @@ def section() -> str:
 
 @pytest.mark.usefixtures("shared_gl_context")
 def test_photographs_become_a_study_and_its_report(tmp_path, monkeypatch):
-    from typer.testing import CliRunner
-
-    from study_app.cli import app
 
     monkeypatch.chdir(tmp_path)
     shown = {"harbour": data.astronaut(), "square": data.coffee(), "photo": data.coffee()}
@@ -37,8 +35,7 @@ def test_photographs_become_a_study_and_its_report(tmp_path, monkeypatch):
     assert [words[0] for words in commands[:3]] == ["foveate"] * 3
     assert len(commands) == 8
     for words in commands:
-        ran = CliRunner().invoke(app, words)
-        assert ran.exit_code == 0, ran.output
+        metamerlab(*words)
 
     assert load_protocol(Path("my-study/study.toml")).study.name == "my-study"
     report = Path("report/report.html").read_text(encoding="utf-8")
@@ -47,9 +44,6 @@ def test_photographs_become_a_study_and_its_report(tmp_path, monkeypatch):
 
 
 def test_a_copy_is_never_written_over_an_old_file(tmp_path):
-    from typer.testing import CliRunner
-
-    from study_app.cli import app
 
     old = tmp_path / "mine.toml"
     old.write_text("kept")
@@ -59,8 +53,7 @@ def test_a_copy_is_never_written_over_an_old_file(tmp_path):
         (("demo", tmp_path / "new.txt"), "must end in .toml"),
         (("demo", tmp_path / "\u00fc.toml"), "choose another name for the file"),
     ):
-        ran = CliRunner().invoke(app, ["protocol", "copy", *map(str, words)])
-        assert ran.exit_code == 2
+        ran = metamerlab("protocol", "copy", *map(str, words), status=2)
         assert said in " ".join(ran.output.split())
     assert old.read_text() == "kept"
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]

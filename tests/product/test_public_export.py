@@ -166,11 +166,10 @@ def test_nothing_gets_through(metamerlab, planted, tmp_path, form):
     sessions = study.folder / "lab-pc-17"
 
     def run(out: Path, *more: str) -> None:
-        done = metamerlab(
+        metamerlab(
             "analysis", "export", sessions, "--protocol", study.path,
             "--format", form, "--out", out, *more,
         )  # fmt: skip
-        assert done.exit_code == 0, done.output
 
     run(tmp_path / "whole")
     run(tmp_path / "public", "--public")
@@ -182,11 +181,10 @@ def test_nothing_gets_through(metamerlab, planted, tmp_path, form):
 
 def test_a_public_export_still_holds_the_data(metamerlab, planted, tmp_path):
     study, _ = planted
-    done = metamerlab(
+    metamerlab(
         "analysis", "export", study.folder / "lab-pc-17", "--protocol", study.path,
         "--format", "bids", "--out", tmp_path / "out", "--public",
     )  # fmt: skip
-    assert done.exit_code == 0, done.output
 
     people = sorted(path.name for path in (tmp_path / "out").glob("sub-*"))
     assert people == ["sub-P001", "sub-P002", "sub-P003"]  # the fourth was cut short
@@ -207,12 +205,11 @@ def test_chosen_answers_stay_and_typed_ones_go(metamerlab, recorded, reseal, tmp
     journal.write_text(text, encoding="utf-8")
     reseal(journal)
 
-    done = metamerlab(
+    metamerlab(
         "analysis", "export", recorded.sessions, "--protocol", recorded.path,
         "--format", "bids", "--out", tmp_path / "out", "--public",
     )  # fmt: skip
 
-    assert done.exit_code == 0, done.output
     said = (tmp_path / "out" / "phenotype" / "closing_questions.tsv").read_text()
     assert "glasses" in said
     assert "edges" not in said
@@ -226,11 +223,10 @@ def test_nobody_sees_who_came_before_an_update(metamerlab, recorded, reseal, tmp
         journal.write_text(text.replace(old, f"1.{number} {'ab' * 20}"), encoding="utf-8")
         reseal(journal)
 
-    done = metamerlab(
+    metamerlab(
         "analysis", "export", recorded.sessions, "--protocol", recorded.path,
         "--format", "bids", "--out", tmp_path / "out", "--public",
     )  # fmt: skip
-    assert done.exit_code == 0, done.output
 
     sessions = pd.read_csv(tmp_path / "out" / "participants.tsv", sep="\t")
     said = {json.loads(p.read_text())["StimulusPresentation"]["SoftwareVersion"]

@@ -57,8 +57,7 @@ def test_photographs_are_a_built_foveated_study_in_three_commands(metamerlab, ph
         ("protocol", "check", "mine/study.toml"),
         ("stimuli", "build", "mine/study.toml", "--out", "mine/clips"),
     ):
-        done = metamerlab(*command)
-        assert done.exit_code == 0, done.output
+        metamerlab(*command)
     built = {path.name for path in Path("mine/clips").iterdir() if "__" in path.name}
     scenes = ("astronaut", "der-kaffee", "chelsea")
     assert built == {f"{scene}__{method}" for scene in scenes for method in ("blur", "metamer")}
@@ -80,7 +79,6 @@ def test_an_exr_sequence_is_a_built_study_in_three_commands(metamerlab, tmp_path
         ("stimuli", "build", "shot/study.toml", "--out", "shot/clips", "--workers", "1"),
     ):
         done = metamerlab(*command)
-        assert done.exit_code == 0, done.output
         assert "note" not in done.output
     read = tomllib.loads(Path("shot/study.toml").read_text(encoding="utf-8"))
     assert [size["name"] for size in read["stimuli"]["sizes"]] == ["own"]
@@ -95,8 +93,7 @@ def test_files_may_stand_before_the_folder_and_a_pattern_need_no_shell(metamerla
         ("quoted", ("quoted", "--photos", "*.[jp][pn]g")),
         ("again", ("again", *(word for name in photographs for word in ("--photos", name)))),
     ):
-        done = metamerlab("new-study", *words)
-        assert done.exit_code == 0, done.output
+        metamerlab("new-study", *words)
         copied = {path.name for path in Path(folder, "pictures").iterdir()}
         assert copied == {"astronaut.jpg", "der-kaffee.png", "chelsea.jpg"}
         assert not Path(folder, "scenes").exists()
@@ -105,7 +102,6 @@ def test_files_may_stand_before_the_folder_and_a_pattern_need_no_shell(metamerla
 def test_stills_are_as_large_as_the_smallest_photograph_allows(metamerlab, photographs):
     Image.fromarray(data.coffee()).resize((64, 96)).save("small.png")
     done = metamerlab("new-study", "s", "--photos", *photographs, "small.png")
-    assert done.exit_code == 0
     stimuli = load_protocol(Path("s/study.toml")).stimuli
     assert (stimuli.width_px, stimuli.height_px) == (64, 36)
     assert "no photograph is enlarged (the smallest is small.png, 64 x 96 px" in done.stdout
@@ -116,13 +112,11 @@ def test_a_shell_may_write_the_frames_out_and_channels_are_named(metamerlab, tmp
     frames(tmp_path / "odd", 3, ("R", "G", "B", "far", "mx", "my"))
     files = sorted(map(str, Path("odd").iterdir()))
     named = ["--channel", "depth=far"]
-    done = metamerlab("new-study", "s", "--exr", *files, *named)
-    assert done.exit_code == 2
+    done = metamerlab("new-study", "s", "--exr", *files, *named, status=2)
     assert "for motion" in done.stderr
     assert "--channel motion_x=NAME" in done.stderr
     named += ["--channel", "motion_x=mx", "--channel", "motion_y=my"]
     done = metamerlab("new-study", "s", "--exr", *files, *named)
-    assert done.exit_code == 0, done.output
     (scene,) = tomllib.loads(Path("s/study.toml").read_text(encoding="utf-8"))["stimuli"]["scenes"]
     assert scene["file"] == "scenes/shot/shot_####.exr"
     assert scene["channels"] == {"depth": "far", "motion_x": "mx", "motion_y": "my"}
@@ -139,7 +133,6 @@ def test_frames_that_the_display_has_no_room_for_are_cut_with_a_note(
     (tmp_path / "small.toml").write_text(small)
     words = ("new-study", "s", "--exr", "frames/shot_####.exr", "--display", "small.toml")
     done = metamerlab(*words)
-    assert done.exit_code == 0, done.output
     assert "clips show the middle 32 x 32 px of frames of 64 x 48" in " ".join(done.stdout.split())
     clips = tomllib.loads(Path("s/study.toml").read_text(encoding="utf-8"))["stimuli"]["clips"]
     assert (clips["width_px"], clips["height_px"]) == (32, 32)
@@ -174,8 +167,7 @@ def test_what_cannot_be_a_study_is_told_before_anything_is_written(
     Path("notes.txt").write_text("no picture")
     Path("circle.jpg").symlink_to("circle.jpg")
     before = sorted(path.name for path in Path().iterdir())
-    done = metamerlab("new-study", "s", *words)
-    assert done.exit_code == 2, done.output
+    done = metamerlab("new-study", "s", *words, status=2)
     assert said in " ".join(done.stderr.split())
     assert sorted(path.name for path in Path().iterdir()) == before
     assert photographs
@@ -202,8 +194,7 @@ def test_frames_that_are_no_whole_sequence_are_refused_with_a_cure(
         planes = np.ones((24, 32, len(BLENDER)), np.float32)
         write_pixels(second, planes, BLENDER, types=("float",) * len(BLENDER))
     given = ["--exr", *(f"frames/{word}" for word in words.split())]
-    done = metamerlab("new-study", "s", *given, *(given if spoil == "twice" else []))
-    assert done.exit_code == 2, done.output
+    done = metamerlab("new-study", "s", *given, *(given if spoil == "twice" else []), status=2)
     assert said in " ".join(done.stderr.split())
     assert not Path("s").exists()
 
@@ -217,8 +208,7 @@ def test_frames_may_be_named_as_renderers_and_shells_do_and_counted_without_zero
     if pattern.endswith("s_*"):
         for number, file in enumerate(sorted(Path("frames").iterdir()), 9):
             file.rename(f"frames/s_{number}.exr")
-    done = metamerlab("new-study", "s", "--exr", pattern)
-    assert done.exit_code == 0, done.output
+    metamerlab("new-study", "s", "--exr", pattern)
     assert load_protocol(Path("s/study.toml")).stimuli.clips.frames == 3
     assert len(list(Path("s/scenes").rglob("*.exr"))) == 3
 

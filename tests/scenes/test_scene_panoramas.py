@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 import trimesh
+from command_line import metamerlab
 from PIL import Image
-from typer.testing import CliRunner
 
 from pipeline.colour import encode_srgb
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Equirectangular, pixel_centres
 from stimuli.rendering.render_panorama import panorama_of
 from stimuli.rendering.world import Material, Mesh, MeshPart, Viewpoint, World
-from study_app.cli import app
 
 EYE = np.array([3.0, 1.6, -2.0])
 AHEAD = np.array([1.0, -0.3, -2.0])
@@ -96,11 +95,9 @@ def test_the_command_draws_a_file_of_a_scene_from_a_chosen_place(gl_context, tmp
         where,
     ]
 
-    done = CliRunner().invoke(app, [*given, "--out", str(tmp_path / "around.png")])
-    assert done.exit_code == 0, done.output
+    done = metamerlab(*given, "--out", str(tmp_path / "around.png"))
     assert "64 x 32 px" in done.output
     with Image.open(tmp_path / "around.png") as drawn:
         assert drawn.size == (64, 32)
-    wrong = CliRunner().invoke(app, [*given, "--out", str(tmp_path / "around.jpg")])
-    assert wrong.exit_code == 2
+    wrong = metamerlab(*given, "--out", str(tmp_path / "around.jpg"), status=2)
     assert "must end in .png" in wrong.stderr

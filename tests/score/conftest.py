@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import result_of
 from scipy import ndimage
 from skimage import data
-from typer.testing import CliRunner
 
 from protocols.disk.hashing import sha256_bytes
 from protocols.manifest import Clip, Manifest, Renderer, write_manifest
@@ -152,9 +152,4 @@ def pair(tmp_path, clips):
 @pytest.fixture
 def run_score():
     """Give `metamerlab stimuli score ARGUMENTS`, run in this process."""
-    from study_app.cli.stimuli_commands import app
-
-    def run(*arguments):
-        return CliRunner().invoke(app, ["score", *map(str, arguments), "--workers", "1"])
-
-    return run
+    return result_of("stimuli", "score", "--workers", "1")

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import metamerlab
 from undrawn_reports import undrawn_scores
 
 from pipeline.errors import InputError
@@ -18,7 +18,6 @@ from stimuli.score.foveated import METRICS_OF_FOVEATION, score_foveated, seen_wi
 from stimuli.score.measure_clips import Cache
 from stimuli.score.measured import PairScores
 from stimuli.score.metrics import BLIND, METRICS
-from study_app.cli import app
 
 pytestmark = pytest.mark.slow
 
@@ -142,8 +141,7 @@ def scored(tmp_path_factory, texture):
         "foveate", tmp_path / "texture.png", tmp_path / "out.png", "--numpy", "--gaze", "50,60",
         "--score", tmp_path / "scores", "-m", "reference", "-m", "blur", "-m", "metamer",
     )  # fmt: skip
-    done = CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False)
-    assert done.exit_code == 0, done.output
+    metamerlab(*arguments, catch_exceptions=False)
     return tmp_path / "scores"
 
 
@@ -187,9 +185,8 @@ def test_what_is_not_installed_is_named(scored):
 def test_what_no_metric_can_measure_is_refused(tmp_path, rng, arguments, said):
     save_colour(tmp_path / "a.png", rng.random((64, 128, 3)).astype(np.float32))
     given = ["foveate", str(tmp_path / "a.png"), str(tmp_path / "out.png"), "--numpy"]
-    done = CliRunner().invoke(app, [*given, "--score", str(tmp_path / "s"), *arguments])
+    done = metamerlab(*given, "--score", str(tmp_path / "s"), *arguments, status=2)
 
-    assert done.exit_code == 2
     assert said in done.stderr
     assert not (tmp_path / "out.png").exists()
 
@@ -209,8 +206,7 @@ def test_a_panorama_is_scored_in_the_view_around_the_gaze(tmp_path, texture):
         given += ["--panorama", "--gaze", f"0,{height / 2}", "--out", tmp_path / name]
         given += ["--metrics", "statistics,band-ratio"]
         with undrawn_scores():
-            done = CliRunner().invoke(app, [str(word) for word in given])
-        assert done.exit_code == 0, done.output
+            done = metamerlab(*given)
         assert "flat view around the gaze, 90 degrees an edge" in done.output
         scores = json.loads((tmp_path / name / "scores.json").read_text("utf-8"))
         found[name] = scores["clips"][0]["scores"]

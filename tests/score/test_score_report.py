@@ -45,7 +45,6 @@ def test_the_command_writes_everything(run_score, batch, tmp_path):
     out = tmp_path / "scores"
     done = run_score(batch, "--out", out, "--metrics", ",".join(OURS))
 
-    assert done.exit_code == 0, done.output
     assert "mean, in holes" in done.stdout
     rows = list(csv.DictReader(io.StringIO((out / "scores.csv").read_text())))
     # 2 scenes x 2 methods x (4 metrics x 2 regions + flicker in holes)
@@ -117,8 +116,7 @@ def test_scores_from_the_cache_are_the_same_files_byte_for_byte(run_score, batch
 
     def files(folder):
         asked = ("--metrics", ",".join((*OURS, "band-ratio")), "--out", folder)
-        done = run_score(batch, *asked)
-        assert done.exit_code == 0, done.output
+        run_score(batch, *asked)
         paths = sorted(p for p in folder.rglob("*") if CACHE_FOLDER not in p.parts and p.is_file())
         return {str(p.relative_to(folder)): sha256_file(p) for p in paths}
 
@@ -218,7 +216,6 @@ def test_without_the_extra_the_rest_is_computed(run_score, batch, tmp_path, monk
     )
     done = run_score(batch, "--out", tmp_path / "scores")
 
-    assert done.exit_code == 0, done.output
     told = " ".join(done.stdout.split())
     assert "left out: flip: not installed here: flip-evaluator; install them with" in told
     assert "metamerlab[metrics]" in told
@@ -226,15 +223,13 @@ def test_without_the_extra_the_rest_is_computed(run_score, batch, tmp_path, monk
     page = (tmp_path / "scores/scores.html").read_text()
     assert "not installed here: torch" in page
     assert (tmp_path / "scores/scores.csv").read_text().count("statistics") == 8
-    asked = run_score(batch, "--out", tmp_path / "more", "--metrics", "fvvdp")
-    assert asked.exit_code == 2
+    asked = run_score(batch, "--out", tmp_path / "more", "--metrics", "fvvdp", status=2)
     assert "no metric that was asked for can be computed" in asked.stderr
 
 
 def test_the_list_names_every_metric_and_its_licence(run_score):
     done = run_score("--list")
 
-    assert done.exit_code == 0
     for name in METRICS:
         assert name in done.stdout
     assert "CC BY-NC" in " ".join(done.stdout.split())
@@ -245,7 +240,6 @@ def test_two_pictures_and_a_mask(run_score, batch):
     test, truth, mask = (batch / name / "000000.png" for name in names)
     done = run_score(test, truth, "--mask", mask, "--metrics", "psnr,flicker")
 
-    assert done.exit_code == 0, done.output
     assert "mean, in holes" in done.stdout
     assert "flicker: left out" in " ".join(done.stdout.split())
 
@@ -281,10 +275,9 @@ gamma = 2.2
 
 
 def test_a_report_of_one_pair_needs_no_batch(run_score, batch, tmp_path):
-    done = run_score(batch / "wall__small__metameric", batch / "wall__small__reference",
+    run_score(batch / "wall__small__metameric", batch / "wall__small__reference",
                      "--out", tmp_path / "two", "--metrics", "psnr,ssim")  # fmt: skip
 
-    assert done.exit_code == 0, done.output
     assert (tmp_path / "two/scores.html").exists()
 
 
@@ -367,7 +360,6 @@ def test_people_read_labels_and_programs_read_names(run_score, batch, tmp_path):
         batch, "--out", out, "--metrics", "psnr", "--focus", "push-pull", "--protocol", study
     )
 
-    assert done.exit_code == 0, done.output
     assert "Pull & push" in done.stdout
     page = (out / "scores.html").read_text()
     for shown in ("Pull &amp; push</th>", "The lawn", '<h2 id="verdict">Pull &amp; push against'):
@@ -384,16 +376,14 @@ def test_people_read_labels_and_programs_read_names(run_score, batch, tmp_path):
 
 
 def test_labels_of_another_study_are_refused(run_score, batch, tmp_path):
-    done = run_score(batch, "--out", tmp_path / "scores", "--protocol", "demo")
-    assert done.exit_code == 2
+    done = run_score(batch, "--out", tmp_path / "scores", "--protocol", "demo", status=2)
     assert "must be the study of the clips, 'tiny' (got 'demo')" in " ".join(done.output.split())
 
 
 def test_a_focus_that_is_no_method_is_refused_before_anything_is_measured(
     run_score, batch, tmp_path
 ):
-    done = run_score(batch, "--out", tmp_path / "scores", "--focus", "metamerc")
-    assert done.exit_code == 2
+    done = run_score(batch, "--out", tmp_path / "scores", "--focus", "metamerc", status=2)
     assert "--focus: must be a method of the clips, " in done.output
     assert "did you mean 'metameric'" in done.output
     assert not (tmp_path / "scores").exists()

@@ -4,9 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
-
-from study_app.cli import app
+from command_line import metamerlab
 
 PAGE = "docs/analysis.md"
 
@@ -86,7 +84,7 @@ def test_so_many_participants_are_needed_as_the_page_says(repository, rate):
         r"The first command asks for (\d+) participants. With `--rate 0.65` it asks for (\d+)", text
     ).groups()
     power = ["analysis", "power", "inpainting-2afc", "--rate", rate, "--studies", "2000"]
-    said = CliRunner().invoke(app, power, env={"COLUMNS": "200"}).output
+    said = metamerlab(*power, env={"COLUMNS": "200"}, status=None).output
 
     needed = {"0.7": first, "0.65": other}[rate]
     assert f"primary, power 80%: {needed} participants" in said

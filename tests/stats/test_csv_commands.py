@@ -68,12 +68,11 @@ def test_psychometric_of_one_person_is_drawn(acuity, tmp_path):
     one = tmp_path / "one.csv"
     rows = pd.read_csv(acuity)
     rows[rows["who"] == 0].to_csv(one, index=False)
-    result = run(
+    run(
         "psychometric", one, "--level", "ecc", "--by", "method", "--falling",
         "--map", "participant=who", "--map", "correct=hit", "--out", tmp_path / "out",
     )  # fmt: skip
 
-    assert result.exit_code == 0, result.output
     assert len(pd.read_csv(tmp_path / "out" / "tables" / "people.csv")) == 2
     assert list((tmp_path / "out").rglob("*.svg"))
 
@@ -86,7 +85,6 @@ def test_psychometric_tells_thresholds_of_people_and_of_all(acuity, tmp_path):
         "--map", "participant=who", "--map", "correct=hit", "--out", out,
     )  # fmt: skip
 
-    assert result.exit_code == 0, result.output
     assert "560 answers of 4 participants · by ecc" in result.output
     all_people = pd.read_csv(out / "tables" / "thresholds.csv")
     all_people = all_people[all_people["participant"].isna()].set_index("condition")
@@ -123,23 +121,29 @@ def test_a_file_of_psychopy_and_a_spreadsheets_export_are_read_as_they_are(acuit
         "psychometric", tmp_path / "psychopy.csv", *asked, "--map", "correct=key_resp.corr",
         "--out", tmp_path / "out",
     )  # fmt: skip
-    assert result.exit_code == 0, result.output
     note = "left out without an answer: 4 rows (lines 2, 3, 564, 565)"
     assert note in result.output
     assert note in json.loads((tmp_path / "out/results.json").read_text())["warnings"]
-    plain = run("psychometric", acuity, *asked, "--map", "participant=who", "--map", "correct=hit")
+    plain = run(
+        "psychometric",
+        acuity,
+        *asked,
+        "--map",
+        "participant=who",
+        "--map",
+        "correct=hit",
+        status=None,
+    )
     assert plain.output.splitlines()[0] in result.output
 
     times = run(
         "reaction", tmp_path / "psychopy.csv", "--map", "rt_s=key_resp.rt", "--by", "method"
     )
-    assert times.exit_code == 0, times.output
     assert "560" in times.output
     assert "4 rows" in times.output
 
     rows.to_csv(tmp_path / "german.csv", sep=";", decimal=",", index=False, encoding="utf-16")
     german = run("reaction", tmp_path / "german.csv", "--map", "rt_s=key_resp.rt", "--by", "method")
-    assert german.exit_code == 0, german.output
     assert "decimal commas read as points: key_resp.rt" in german.output
 
 
@@ -152,7 +156,6 @@ def test_one_person_is_not_compared_between_conditions(seen, tmp_path):
         "--map", "expected=truth", "--map", "answer=said",
     )  # fmt: skip
 
-    assert result.exit_code == 0, result.output
     assert "one participant only: conditions are not compared" in result.output
     assert "nan" not in result.output
 
@@ -164,11 +167,10 @@ def test_a_table_with_the_lines_of_old_macs_is_read_and_a_broken_spreadsheet_ref
     named = ("--map", "participant=who", "--map", "correct=hit")
     old = tmp_path / "old.csv"
     old.write_bytes(acuity.read_bytes().replace(b"\r\n", b"\n").replace(b"\n", b"\r"))
-    assert "560 answers" in run("psychometric", old, *columns, *named).output
+    assert "560 answers" in run("psychometric", old, *columns, *named, status=None).output
     sheet = tmp_path / "sheet.csv"
     sheet.write_bytes(b"PK\x03\x04" + bytes(100))
-    refused = run("psychometric", sheet, *columns, *named)
-    assert refused.exit_code == 2
+    refused = run("psychometric", sheet, *columns, *named, status=2)
     assert "must be an .xlsx file" in refused.output
 
 
@@ -180,7 +182,6 @@ def test_detection_tells_d_prime_criterion_and_what_differs(seen, tmp_path):
         "--map", "expected=truth", "--map", "answer=said", "--out", out,
     )  # fmt: skip
 
-    assert result.exit_code == 0, result.output
     rows = pd.read_csv(out / "tables" / "sensitivity.csv").set_index("condition")
     assert rows.loc["blur", "d_prime_lower"] < 2.0 < rows.loc["blur", "d_prime_upper"]
     assert rows.loc["ours", "d_prime"] == pytest.approx(0.5, abs=0.4)
@@ -208,9 +209,8 @@ def test_detection_tells_d_prime_criterion_and_what_differs(seen, tmp_path):
 def test_mistakes_get_one_message_and_leave_nothing(acuity, tmp_path, arguments, said):
     command, *rest = arguments
     maps = ("--map", "participant=who", "--map", "correct=hit")
-    result = run(command, acuity, *maps, *rest, "--out", tmp_path / "out")
+    result = run(command, acuity, *maps, *rest, "--out", tmp_path / "out", status=2)
 
-    assert result.exit_code == 2, result.output
     assert said in " ".join(result.output.split())
     assert not list(tmp_path.iterdir())
 
@@ -221,7 +221,7 @@ def test_tables_of_simulated_answers_say_so(acuity, tmp_path):
     rows.assign(simulated=1).to_csv(file, index=False)
     result = run(
         "psychometric", file, "--level", "ecc", "--by", "method", "--falling",
-        "--map", "participant=who", "--map", "correct=hit",
+        "--map", "participant=who", "--map", "correct=hit", status=None
     )  # fmt: skip
 
     assert "SIMULATED" in result.output
@@ -236,7 +236,6 @@ def test_levels_that_place_no_threshold_have_no_deviation_and_each_note_once(tmp
 
     said = run("psychometric", tmp_path / "all.csv", "--level", "level", "--by", "method", "--log")
 
-    assert said.exit_code == 0, said.output
     assert "not identified" in said.output
     assert "none" not in said.output.split("Mean lapse rate", 1)[1].split("\n", 1)[0]
     assert "SD = none" not in said.output
@@ -252,7 +251,9 @@ def test_a_mixed_model_without_a_maximum_has_no_sentence_and_one_person_no_clust
     )
     rows.to_csv(tmp_path / "one.csv", index=False)
 
-    said = run("detection", tmp_path / "one.csv", "--by", "method", "--out", tmp_path / "out")
+    said = run(
+        "detection", tmp_path / "one.csv", "--by", "method", "--out", tmp_path / "out", status=None
+    )
     page = (tmp_path / "out" / "report.html").read_text()
 
     assert said.exit_code == 0, said.output
@@ -276,6 +277,5 @@ def test_a_threshold_without_limits_is_said_to_have_none(tmp_path):
 
     said = run("psychometric", tmp_path / "bound.csv", "--level", "level", "--by", "method")
 
-    assert said.exit_code == 0, said.output
     assert "it has no limits." in said.output
     assert "CI none" not in said.output

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import metamerlab
 from fixed_studies import TABLES, report_of
 from markupsafe import escape
-from typer.testing import CliRunner
 from undrawn_reports import drawn_narrow, undrawn
 
 from analysis.parts import Estimate, Part, Presentation, computed, estimates_of, with_added
@@ -25,7 +25,6 @@ from protocols.blocks import Cautions, Paragraph
 from protocols.blocks import TableBlock as Rows
 from protocols.errors import StudyError
 from protocols.results import read_results
-from study_app.cli import app
 
 # The door: a report of a fixed table, or a command on one; the parts that it must show.
 _RIGHT = ("rates", "sensitivity", "comparisons", "models", "random_effects", "people")
@@ -279,11 +278,8 @@ def test_a_command_of_one_table_prints_and_writes_all_of_its_part(words, tmp_pat
     command, *rest = words
     arguments = ["analysis", command, str(tmp_path / "rows.csv"), *rest]
     with drawn_narrow():
-        done = CliRunner().invoke(
-            app, [*arguments, "--out", str(tmp_path / "out")], env={"COLUMNS": "200"}
-        )
+        done = metamerlab(*arguments, "--out", str(tmp_path / "out"), env={"COLUMNS": "200"})
 
-    assert done.exit_code == 0, done.output
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     check(tmp_path / "out", parts, page)
     for name in parts:
@@ -299,7 +295,7 @@ def test_simulated_times_are_marked_on_terminal_page_and_figure(tmp_path):
     rows.to_csv(tmp_path / "rows.csv", index=False)
     arguments = ["analysis", "reaction", str(tmp_path / "rows.csv"), "--out", str(tmp_path / "out")]
     with drawn_narrow():
-        done = CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
+        done = metamerlab(*arguments, env={"COLUMNS": "200"}, status=None)
 
     assert "108 reaction times of 6 participants · all together (SIMULATED)" in done.output
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
@@ -492,8 +488,7 @@ def test_a_table_along_a_level_can_be_imported_and_reported(tmp_path):
         ("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "out", "--no-figures"),
     ):
         with undrawn():
-            done = CliRunner().invoke(app, ["analysis", *map(str, words)])
-        assert done.exit_code == 0, done.output
+            metamerlab("analysis", *map(str, words))
 
     numbers = json.loads((tmp_path / "out" / "results.json").read_text())
     assert len(numbers["results"]["psychometric"]["people"]) == 4

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from command_line import metamerlab
 
 from analysis.models.order_and_side import came_both_ways
 from analysis.parts.bias import BiasPart
-from study_app.cli import app
 
 WINS = "won over,a,b,c\nc,5,4,-\na,-,7,2\nb,3,9,1\n"
 """Rows in another order than columns; the diagonal counts nothing."""
@@ -16,8 +15,7 @@ WINS = "won over,a,b,c\nc,5,4,-\na,-,7,2\nb,3,9,1\n"
 
 def imported(tmp_path: Path, table: Path, *more: str) -> tuple[pd.DataFrame, str]:
     words = ["analysis", "import", str(table), "--out", str(tmp_path / "imported"), *more]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, done.output
+    done = metamerlab(*words)
     rows = pd.read_csv(tmp_path / "imported/decisions.csv", dtype=str, keep_default_na=False)
     return rows, " ".join(done.stdout.split())
 
@@ -66,8 +64,7 @@ def test_counts_of_answers_are_right_on_the_diagonal(tmp_path):
 def test_what_is_no_count_is_told(tmp_path, text, said):
     (tmp_path / "wins.csv").write_text(text)
     words = ["analysis", "import", str(tmp_path / "wins.csv"), "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 2, done.output
+    done = metamerlab(*words, status=2)
     assert said in " ".join(done.stderr.split())
     assert not (tmp_path / "out").exists()
 
@@ -92,8 +89,7 @@ def test_an_order_is_known_only_where_a_pair_came_both_ways():
 def test_sums_and_shares_among_counts_are_refused(tmp_path, text, said):
     (tmp_path / "wins.csv").write_text(text)
     words = ["analysis", "import", str(tmp_path / "wins.csv"), "--out", str(tmp_path / "in")]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 2, done.output
+    done = metamerlab(*words, status=2)
     assert said in " ".join(done.stderr.split())
     assert not (tmp_path / "in").exists()
 

@@ -6,15 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import metamerlab
 from scipy import stats
-from typer.testing import CliRunner
 
 from protocols.feasibility import check_feasible, virtual_manifest
 from protocols.load import load_display, load_study, protocol_of, read_toml, shipped
 from protocols.plan import Plan, make_plan
 from protocols.recipes.foveated_images import FoveatedImages, Rings
 from protocols.study_file.schema import StudyProtocol
-from study_app.cli import app
 
 STUDIES = {"beyond-blur-task": 300, "beyond-blur-preference": 252, "beyond-blur-detection": 294}
 SLOTS = (0, 1, 2, 5)
@@ -203,12 +202,11 @@ def smaller(tmp_path):
 def test_check_and_show_say_what_a_smaller_display_cuts_away(smaller):
     path = smaller("field_deg = [46.2, 27.0]")
 
-    checked = CliRunner().invoke(app, ["protocol", "check", str(path)])
-    assert checked.exit_code == 0, checked.output
+    checked = metamerlab("protocol", "check", str(path))
     assert "180 decisions" in checked.output
     assert "note: at 15 deg rings lie on 65% of the circle" in checked.output
     assert "at 10 deg" not in checked.output
-    shown = CliRunner().invoke(app, ["protocol", "show", str(path)], terminal_width=200)
+    shown = metamerlab("protocol", "show", str(path), terminal_width=200, status=None)
     assert "cut away" in shown.output
 
 
@@ -236,11 +234,9 @@ def test_a_display_smaller_than_the_study_is_told_what_it_would_cut_away():
 def test_without_the_extra_the_study_is_in_order_and_a_build_names_it(name, tmp_path, monkeypatch):
     monkeypatch.setattr("pipeline.foveation.energy.find_spec", lambda _: None)
 
-    checked = CliRunner().invoke(app, ["protocol", "check", name])
-    assert checked.exit_code == 0, checked.output
+    checked = metamerlab("protocol", "check", name)
     assert EXTRA not in checked.output.splitlines()[0]
-    built = CliRunner().invoke(app, ["stimuli", "build", name, "--out", str(tmp_path / "clips")])
-    assert built.exit_code == 2
+    built = metamerlab("stimuli", "build", name, "--out", str(tmp_path / "clips"), status=2)
     assert EXTRA in built.stderr
     assert "leave 'energy-metamer' out" in built.stderr
 
@@ -265,8 +261,7 @@ def test_unknown_pictures_are_refused_with_the_nearest(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(text.replace("builtin:garden", "builtin:gardn"), encoding="utf-8")
 
-    checked = CliRunner().invoke(app, ["protocol", "check", str(path)])
-    assert checked.exit_code == 2
+    checked = metamerlab("protocol", "check", str(path), status=2)
     assert "did you mean 'garden'?" in checked.stderr
 
 

@@ -5,7 +5,7 @@ import re
 from statistics import mean
 
 import pytest
-from typer.testing import CliRunner
+from command_line import metamerlab
 from undrawn_reports import undrawn
 
 from analysis.report.write_report import report_sessions
@@ -21,7 +21,6 @@ from protocols.study_file.new_study import study_files
 from protocols.study_file.preregister import preregistration
 from protocols.tasks.task_kinds import TASKS
 from stimuli.recipes.example_pictures import example_files
-from study_app.cli import app
 from study_app.observers import ArtificialObserver
 from study_app.observers.right_or_wrong import SensitivityModel
 from study_app.simulate import SimulatedStudy, simulate_study
@@ -152,8 +151,7 @@ def test_exports_hold_confidence_and_say_what_it_is(load, tmp_path):
         "--format", "bids",
         "--out", tmp_path / "bids",
     ]  # fmt: skip
-    done = CliRunner().invoke(app, [str(word) for word in words])
-    assert done.exit_code == 0, done.output
+    metamerlab(*words)
     found = list((tmp_path / "bids").rglob("*.tsv"))
     heads = [p.read_text().splitlines()[0] for p in found]
     assert any(re.search(r"\bconfidence\b", h) and "confidence_rt_s" in h for h in heads)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from command_line import metamerlab
 
 from analysis.models.critical_scaling import critical_scaling
 from protocols.answer_rules import answer_rule
@@ -19,7 +19,6 @@ from protocols.load import load_study, protocol_of, read_toml, shipped
 from protocols.phases import Bar, Image
 from protocols.plan import Plan, chosen, make_plan
 from protocols.tasks.compared import ANOTHER, STANDARD
-from study_app.cli import app
 from study_app.observers import default_model, rng_of
 
 STUDIES = ("critical-scaling", "critical-scaling-halves")
@@ -198,8 +197,7 @@ def test_it_is_simulated_and_reported_by_the_same_commands(name, tmp_path, monke
     path.write_text(text, encoding="utf-8")
 
     def run(*words: object):
-        done = CliRunner().invoke(app, [str(word) for word in words])
-        assert done.exit_code == 0, done.output
+        done = metamerlab(*words)
         return done.output
 
     given = [f"--critical={condition}=0.2" for condition in CONDITIONS]

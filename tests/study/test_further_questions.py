@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from attack.kills import THRICE, asked, journal_of, write_study
-from typer.testing import CliRunner
+from command_line import metamerlab
 
 from protocols.against_plan import contradictions, plan_of
 from protocols.display import Viewing
@@ -30,7 +30,6 @@ from protocols.script import Picture, StoredPicture
 from protocols.study_file.session_schema import Gaze
 from protocols.tasks.pairs import TwoInterval
 from study_app.attempt import run_attempt
-from study_app.cli import app
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.source import GazeSample
 from study_app.observers import ArtificialObserver, default_model
@@ -357,9 +356,8 @@ def test_every_command_that_shows_a_trial_refuses_such_a_task(monkeypatch, tmp_p
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(TwoInterval, "phases", lambda *_: (replace(SHOWN, show=(Gabor(),)),))
 
-    done = CliRunner().invoke(app, list(words), catch_exceptions=False)
+    done = metamerlab(*words, catch_exceptions=False, status=2)
 
-    assert done.exit_code == 2
     assert "(got Gabor)" in " ".join(done.output.split())
     assert not list(tmp_path.iterdir())
 

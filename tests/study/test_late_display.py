@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from typer.testing import CliRunner
+from command_line import metamerlab
 
 from protocols.display import Display, Viewing
 from protocols.errors import StudyError
@@ -17,7 +17,6 @@ from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import write_manifest
 from protocols.study_file.schema import StudyProtocol
-from study_app.cli import app
 from study_app.conduct import conduct
 from study_app.desktop.display_check import check_display, shortfall
 from study_app.desktop.window import FlipStamp
@@ -121,9 +120,9 @@ def test_every_flip_that_the_log_marks_is_counted_where_the_operator_looks(tmp_p
         assert attempt.missed == marked > attempt.dropped
         missed += marked
 
-    told = CliRunner().invoke(
-        app, ["session", "status", str(session.path.parent)], terminal_width=400
-    )  # fmt: skip
+    told = metamerlab(
+        "session", "status", str(session.path.parent), terminal_width=400, status=None
+    )
     lines = {row[0]: row[1] for line in told.output.splitlines() if len(row := cells(line)) == 2}
     assert lines["missed refreshes"].startswith(f"{missed} of ")
     assert lines["gaze lost"].startswith("0.0 %")
@@ -241,7 +240,7 @@ def test_check_display_fails_where_most_refreshes_were_missed(monkeypatch, tmp_p
         window = SlowWindow(FAST, [gap / 144])
         shown = partial(lambda window, *_, **__: window, window)
         monkeypatch.setattr("study_app.desktop.window.Window", shown)
-        done = CliRunner().invoke(app, words)
+        done = metamerlab(*words, status=None)
         assert done.exit_code == status, done.output
         assert ("cannot keep up (36 Hz instead of 144: " in done.stderr) == bool(status)
     assert len(list((tmp_path / "display-reports").iterdir())) == 2
@@ -267,7 +266,7 @@ def test_a_late_display_is_refused_before_a_session_unless_the_study_tolerates_i
     monkeypatch.setattr("study_app.run.Presenter", presented)
     words = ["session", "run", str(tmp_path / "study.toml"), "--participant", "P1", "--simulate"]
     words += ["--stimuli", str(tmp_path), "--out", str(tmp_path / "sessions")]
-    done = CliRunner().invoke(app, [*words, "--software-pacing"])
+    done = metamerlab(*words, "--software-pacing", status=None)
 
     assert (done.exit_code, said in done.stderr) == (2, True), done.output
     assert ("note: display" in done.stdout) == (tolerated == 500)
@@ -283,9 +282,7 @@ def run_without_a_screen(monkeypatch, tmp_path, mode: str, *more: str):
     monkeypatch.setattr("study_app.run.Window", lambda *_, **__: pytest.fail("a window opened"))
     words = ["session", "run", str(tmp_path / "study.toml"), "--participant", "P1"]
     words += ["--stimuli", str(tmp_path), "--out", str(tmp_path / "sessions"), *more]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 2, done.output
-    return done
+    return metamerlab(*words, status=2)
 
 
 @pytest.mark.parametrize("mode", ["enforce", "warn", "monitor"])

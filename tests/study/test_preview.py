@@ -143,31 +143,27 @@ def test_built_clips_are_played_and_a_changed_one_is_refused(tmp_path):
             design="repeats = 1",
         )
     )
-    built = run("stimuli", "build", tmp_path / "study.toml", "--out", tmp_path / "clips")
-    assert built.exit_code == 0, built.output
+    run("stimuli", "build", tmp_path / "study.toml", "--out", tmp_path / "clips")
     words = (tmp_path / "study.toml", "--stimuli", tmp_path / "clips", "--out", tmp_path / "p.html")
 
-    done = run("protocol", "preview", *words)
+    run("protocol", "preview", *words)
 
-    assert done.exit_code == 0, done.output
     data = data_of((tmp_path / "p.html").read_text())
     assert all(entry["strip"].startswith("data:image/webp") for entry in data["stimuli"].values())
     assert data["window"] is None
     frame = next((tmp_path / "clips").glob("*/000000.png"))
     save_picture(frame, np.zeros((64, 64, 3), np.uint8))
-    done = run("protocol", "preview", *words)
-    assert done.exit_code == 2
+    done = run("protocol", "preview", *words, status=2)
     assert "must be the frame that was hashed" in " ".join(done.stderr.split())
 
 
 @pytest.mark.slow
 def test_an_earlier_preview_is_written_over_and_nothing_else(tmp_path):
-    assert run("protocol", "preview", "demo", "--out", tmp_path / "p.html").exit_code == 0
-    assert run("protocol", "preview", "demo", "--out", tmp_path / "p.html").exit_code == 0
+    run("protocol", "preview", "demo", "--out", tmp_path / "p.html")
+    run("protocol", "preview", "demo", "--out", tmp_path / "p.html")
     (tmp_path / "mine.html").write_text("mine")
     for out, said in (("mine.html", "something else"), ("p.htm", "must end in .html")):
-        done = run("protocol", "preview", "demo", "--out", tmp_path / out)
-        assert done.exit_code == 2
+        done = run("protocol", "preview", "demo", "--out", tmp_path / out, status=2)
         assert said in " ".join(done.stderr.split())
     assert (tmp_path / "mine.html").read_text() == "mine"
 

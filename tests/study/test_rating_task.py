@@ -5,7 +5,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import metamerlab
 
 from analysis.tidy import read_sessions
 from protocols.errors import StudyError
@@ -18,7 +18,6 @@ from protocols.study_file.new_study import study_files
 from protocols.study_file.preregister import preregistration
 from protocols.tasks.task_kinds import TASKS
 from stimuli.recipes.example_pictures import example_files
-from study_app.cli import app
 from study_app.observers.rating_observer import REACH, RaterModel
 from study_app.simulate import SimulatedStudy, simulate_study
 
@@ -78,12 +77,15 @@ def test_it_is_simulated_tabled_and_reported_from_study_to_results(load, tmp_pat
     assert [scale.index(r) + 1 for r in rows["rating"]] == list(rows["step"])
     means = rows.groupby("blur_px")["step"].mean()
     assert means[0.5] > means[2.0] + 0.5
-    done = CliRunner().invoke(
-        app,
-        ["analysis", "report", str(tmp_path / "out"), "--protocol", str(tmp_path / "study.toml"),
-         "--out", str(tmp_path / "report")],
-    )  # fmt: skip
-    assert done.exit_code == 0, done.output
+    metamerlab(
+        "analysis",
+        "report",
+        str(tmp_path / "out"),
+        "--protocol",
+        str(tmp_path / "study.toml"),
+        "--out",
+        str(tmp_path / "report"),
+    )
     results = json.loads((tmp_path / "report" / "results.json").read_text())["results"]
     model = results["ratings"]["model"]
     assert list(model["categories"]) == scale
@@ -151,6 +153,5 @@ def test_a_mistake_has_one_message_with_place_and_cure(load, old, new, message):
 def test_power_is_simulated_and_says_by_which_test(load, tmp_path):
     load()
     words = ["analysis", "power", str(tmp_path / "study.toml"), "--studies", "100"]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0
+    done = metamerlab(*words)
     assert "not by the report's mixed model" in " ".join(done.output.split())

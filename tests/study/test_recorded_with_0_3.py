@@ -14,15 +14,14 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 import pytest
+from command_line import metamerlab
 from fixed_studies import leaves, rounded
 from study_texts import short_study
-from typer.testing import CliRunner
 from undrawn_reports import undrawn
 
 from protocols.gone import gone, without_gone
 from protocols.load import read_toml
 from protocols.manifest import read_manifest
-from study_app.cli import app
 
 RECORDED = Path(__file__).parents[1] / "recorded" / "v0_3" / "recorded.tar.xz"
 STUDIES = (
@@ -86,7 +85,7 @@ def recorded(tmp_path_factory) -> Callable[[str], Path]:
 
 def said(*words: object, status: int = 0) -> str:
     """Run a command; return all that it says, in one line."""
-    done = CliRunner().invoke(app, [str(word) for word in words], terminal_width=200)
+    done = metamerlab(*words, terminal_width=200, status=None)
     assert done.exit_code == status, (done.output, done.exception)
     return " ".join(done.output.split())
 

@@ -8,8 +8,8 @@ import jsonschema
 import numpy as np
 import pytest
 from attack.kills import CASES, write_study
+from command_line import metamerlab
 from PIL import Image
-from typer.testing import CliRunner
 
 from protocols.formats.format_reference import schema_path
 from protocols.load import load_study, shipped
@@ -17,16 +17,20 @@ from protocols.make_script import Scripts, example_scripts
 from protocols.phases import rgba_sha256
 from protocols.plan import Plan
 from protocols.script import TrialScript
-from study_app.cli import app
 from study_app.preview import preview_page
 from study_app.simulate import SimulatedStudy
 
 
 def script(*words):
-    done = CliRunner().invoke(
-        app, ["protocol", "show", "--script", *map(str, words)], catch_exceptions=False,
+    done = metamerlab(
+        "protocol",
+        "show",
+        "--script",
+        *map(str, words),
+        catch_exceptions=False,
         env={"COLUMNS": "200"},
-    )  # fmt: skip
+        status=None,
+    )
     return done.exit_code, done.stdout, " ".join(done.stderr.split())
 
 
@@ -161,5 +165,5 @@ def test_confidence_is_in_the_script_and_adaptive_trials_are_said_to_have_none(t
 
 @pytest.mark.parametrize("option", [["--json"], ["--code", "P01"]])
 def test_options_of_scripts_need_script(option):
-    done = CliRunner().invoke(app, ["protocol", "show", "demo", *option])
+    done = metamerlab("protocol", "show", "demo", *option, status=None)
     assert (done.exit_code, done.stderr.endswith("are for --script; add it\n")) == (2, True)

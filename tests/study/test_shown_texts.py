@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from attack.kills import CASES, write_study
-from typer.testing import CliRunner
+from command_line import metamerlab
 
 from protocols.errors import StudyError
 from protocols.load import load_display, load_study, shipped
 from protocols.study_file.schema import StudyProtocol
 from study_app import text_image
-from study_app.cli import app
 from study_app.cli.protocol_commands import _feasibility_table
 from study_app.pages import PageLayout
 from study_app.shown_texts import require_showable, shortcomings, shown_texts
@@ -24,7 +23,7 @@ WORD = "x" * 400
 
 
 def run(*words):
-    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+    done = metamerlab(*words, catch_exceptions=False, status=None)
     return done.exit_code, " ".join((done.stderr or done.output).split())
 
 

@@ -127,16 +127,18 @@ def test_bake_and_show_from_file_to_sheet(tmp_path, bits):
     else:
         Image.fromarray(colour).save(path)
 
-    assert run("texture", "bake", path, "--wrap", "--out", tmp_path / "map.moments")[0] == 0
+    assert (
+        run("texture", "bake", path, "--wrap", "--out", tmp_path / "map.moments", status=None)[0]
+        == 0
+    )
     held = read_baked(tmp_path / "map.moments")
     np.testing.assert_array_equal(held.colour[0][..., 0], colour if bits == 16 else colour[..., 0])
-    code, said, _ = run(
+    _, said, _ = run(
         "texture", "show", "spheres", "--baked", tmp_path / "map.moments", "--size-px", 64,
         "--out", tmp_path / "sheet.png", "--animate", tmp_path / "turn.webp", "--set",
         "law=authors",
     )  # fmt: skip
 
-    assert code == 0
     assert "fewer bytes" in said
     with Image.open(tmp_path / "sheet.png") as sheet:
         assert sheet.width > 3 * 64
@@ -164,9 +166,8 @@ def test_what_cannot_be_done_is_said_in_one_message(tmp_path, monkeypatch, argum
     Image.fromarray(np.zeros((20, 33, 3), np.uint8)).save("odd.png")
     save_colour(tmp_path / "floats.exr", np.full((8, 8, 3), 0.5, np.float32))
 
-    code, _, error = run("texture", *arguments)
+    _, _, error = run("texture", *arguments, status=2)
 
-    assert code == 2
     assert message in error
     assert not list(tmp_path.glob("*.moments"))
     assert not (tmp_path / "texture.png").exists()

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from command_line import metamerlab
 from PIL import Image
-from typer.testing import CliRunner
 
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import foveate
@@ -16,7 +16,6 @@ from pipeline.gl.fragment import fragment_of
 from pipeline.gl.shader import ShaderSource
 from pipeline.named_classes import Choice
 from stimuli.foveate.metamer_page import check_page, write_page
-from study_app.cli import app
 
 EDGE, SEED = 512, 3
 MOST_BYTES = 6_000_000
@@ -108,7 +107,7 @@ def test_without_webgl2_the_page_says_so_and_shows_no_picture(chromium, tmp_path
 
 
 def run(*words):
-    done = CliRunner().invoke(app, ["foveate", *map(str, words)], catch_exceptions=False)
+    done = metamerlab("foveate", *map(str, words), catch_exceptions=False, status=None)
     return done.exit_code, done.stdout + done.stderr
 
 

@@ -38,7 +38,6 @@ def exported(lab):
         "session", "export-web", lab / "study.toml", "--stimuli", lab / "clips",
         "--out", lab / "web", "--jatos", lab / "study.jzip",
     )  # fmt: skip
-    assert done.exit_code == 0, done.output
     return done.output, lab / "web"
 
 
@@ -59,10 +58,9 @@ def test_an_export_says_what_it_takes_and_gives_a_link_for_everybody(exported):
 def test_the_same_study_gives_the_same_bytes(exported, lab):
     _, out = exported
     again = lab / "again"
-    done = metamerlab(
+    metamerlab(
         "session", "export-web", lab / "study.toml", "--stimuli", lab / "clips", "--out", again
     )
-    assert done.exit_code == 0
     for path in out.rglob("*"):
         if path.is_file():
             assert (again / path.relative_to(out)).read_bytes() == path.read_bytes(), path
@@ -70,16 +68,15 @@ def test_the_same_study_gives_the_same_bytes(exported, lab):
 
 def test_no_secret_of_the_study_leaves_the_lab(tmp_path):
     """Neither the seed of the desk's order nor the secret: each orders everybody's trials."""
-    assert metamerlab("new-study", tmp_path / "own", "--task", "yes-no").exit_code == 0
+    metamerlab("new-study", tmp_path / "own", "--task", "yes-no")
     path = tmp_path / "own/study.toml"
     path.write_text(path.read_text() + WEB)
     study = load_protocol(path)
     with_pixels(study, tmp_path / "clips")
-    done = metamerlab(
+    metamerlab(
         "session", "export-web", path, "--stimuli", tmp_path / "clips", "--out", tmp_path / "out",
         "--display", "fhd27-60hz",
     )  # fmt: skip
-    assert done.exit_code == 0, done.output
     secret = (tmp_path / "own/study.secret").read_text().strip()
     texts = [p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file()]
     for hidden in (secret, str(study.order_seed), f'"seed":{study.design.seed}'):
@@ -138,7 +135,6 @@ def test_a_study_of_a_reserved_name_goes_into_another_folder(tmp_path):
 
 def test_check_says_what_a_browser_study_loses(lab):
     done = metamerlab("protocol", "check", lab / "study.toml", "--web")
-    assert done.exit_code == 0
     assert "dropped in a browser: gamma and luminance" in done.output
 
 
@@ -152,7 +148,7 @@ def test_check_says_what_a_browser_study_loses(lab):
 def test_what_no_browser_can_run_is_refused_with_a_cure(lab, tmp_path, study, options, message):
     done = metamerlab(
         "session", "export-web", lab / study, "--stimuli", lab / "clips",
-        "--out", tmp_path / "out", *options,
+        "--out", tmp_path / "out", *options, status=None
     )  # fmt: skip
     assert (done.exit_code == 2) == (message is not None)
     assert (message or "") in " ".join(done.output.split())
@@ -163,15 +159,14 @@ def test_a_study_over_the_budget_is_told_what_would_fit():
     study = load_protocol(Path("inpainting-2afc"))
     text = study.model_copy(update={"web": {"gaze": "none"}})
     assert text is not study
-    done = metamerlab("protocol", "check", "inpainting-2afc", "--web")
-    assert done.exit_code == 2
+    done = metamerlab("protocol", "check", "inpainting-2afc", "--web", status=2)
     assert "the study watches gaze (gaze.mode = 'enforce'), which a browser cannot" in done.output
 
 
 def test_times_that_need_more_tolerance_are_refused_at_that_rate(lab, tmp_path):
     text = (lab / "study.toml").read_text().replace("tolerance_s = 0.01", "tolerance_s = 0.0")
     (tmp_path / "exact.toml").write_text(text.replace("iti_s = 0.1", "iti_s = 0.15"))
-    done = metamerlab("protocol", "check", tmp_path / "exact.toml", "--web")
+    done = metamerlab("protocol", "check", tmp_path / "exact.toml", "--web", status=None)
     assert "in a browser: at 60, 100, 120, 240 Hz" in done.output
     assert "not at 72 Hz: trial.fixation_s: must be whole refreshes at 72 Hz" in done.output
 
@@ -195,21 +190,16 @@ def test_results_come_home_by_a_command_from_archives_of_both_layouts(exported, 
         "--sessions", tmp_path / "sessions",
     )  # fmt: skip
 
-    looked = metamerlab(*words, "--check")
-    assert looked.exit_code == 0, looked.output
+    metamerlab(*words, "--check")
     assert not (tmp_path / "sessions").exists()
     done = metamerlab(*["--out" if word == "--sessions" else word for word in words])
-    assert done.exit_code == 0, done.output
     assert [line.split()[:2] for line in done.output.splitlines()[1:3]] == [
         ["W1", "imported"],
         ["W2", "imported"],
     ]
-    listed = metamerlab("session", "list", tmp_path / "sessions")
+    listed = metamerlab("session", "list", tmp_path / "sessions", status=None)
     assert listed.output.count("browser") == 2
-    verified = metamerlab(
-        "session", "verify", tmp_path / "sessions", "--protocol", lab / "study.toml"
-    )
-    assert verified.exit_code == 0, verified.output
+    metamerlab("session", "verify", tmp_path / "sessions", "--protocol", lab / "study.toml")
 
 
 def test_an_archive_that_is_damaged_or_of_nothing_of_ours_is_one_message(lab, tmp_path):
@@ -225,8 +215,7 @@ def test_an_archive_that_is_damaged_or_of_nothing_of_ours_is_one_message(lab, tm
     ):
         done = metamerlab(
             "session", "import-web", tmp_path / name, "--protocol", lab / "study.toml",
-            "--stimuli", lab / "clips", "--sessions", tmp_path / "sessions",
+            "--stimuli", lab / "clips", "--sessions", tmp_path / "sessions", status=2
         )  # fmt: skip
-        assert done.exit_code == 2
         assert message in " ".join(done.output.split())
         assert not (tmp_path / "sessions").exists()

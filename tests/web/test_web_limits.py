@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import metamerlab
 from PIL import Image, ImageCms
 from PIL.PngImagePlugin import PngInfo
-from typer.testing import CliRunner
 from web_study import FHD, for_browsers
 
 from protocols.browser.web_study import Pack, WebPhase, rates_of
@@ -17,7 +17,6 @@ from protocols.disk.hashing import sha256_file
 from protocols.errors import StudyError
 from protocols.study_file.preregister import preregistration, to_markdown
 from stimuli.media.png import encode_bytes
-from study_app.cli import app
 from study_app.web.export import WebBuild, check_budget, colour_chunks
 from study_app.web.import_lines import BrowserResults, read_web_results
 
@@ -170,7 +169,6 @@ def test_an_archive_goes_into_a_folder_that_is_there_or_nothing_is_written(
         "session", "export-web", path, "--stimuli", of.stimuli, "--out", tmp_path / "web",
         "--jatos", tmp_path / place / "study.jzip",
     )  # fmt: skip
-    done = CliRunner().invoke(app, [str(word) for word in words], terminal_width=300)
-    assert done.exit_code == 2
+    done = metamerlab(*words, terminal_width=300, status=2)
     assert said in done.output
     assert not (tmp_path / "web").exists()

@@ -124,7 +124,16 @@ def imported(table, folder, *options):
     table.to_csv(folder / "table.csv", index=False)
     told = [part for one in options for part in ("--set", one)]
     task = ["--task", "identification"] if "correct" in table else []
-    made = run("analysis", "import", folder / "table.csv", *task, *told, "--out", folder / "in")
+    made = run(
+        "analysis",
+        "import",
+        folder / "table.csv",
+        *task,
+        *told,
+        "--out",
+        folder / "in",
+        status=None,
+    )
     if made.exit_code:
         return made, {}, ""
     with undrawn():

@@ -61,10 +61,8 @@ def report_of(table: pd.DataFrame, folder: Path, *options: str, task: str = "rat
     """The report of an imported table."""
     table.to_csv(folder / "table.csv", index=False)
     sets = [part for option in options for part in ("--set", option)]
-    result = run("import", folder / "table.csv", "--task", task, *sets, "--out", folder / "in")
-    assert result.exit_code == 0, result.output
-    result = run("report", folder / "in" / "decisions.csv", "--out", folder / "out", "--no-figures")
-    assert result.exit_code == 0, result.output
+    run("import", folder / "table.csv", "--task", task, *sets, "--out", folder / "in")
+    run("report", folder / "in" / "decisions.csv", "--out", folder / "out", "--no-figures")
     return folder / "out"
 
 
@@ -81,7 +79,7 @@ def test_a_step_that_nobody_used_keeps_its_number(words, tmp_path, rating):
     words.to_csv(tmp_path / "ratings.csv", index=False)
     scale = ",".join(SCALE) if rating == "words" else "1,2,3,4,5"
     result = run("ratings", tmp_path / "ratings.csv", "--by", "method", "--scale", scale,
-                 "--out", tmp_path / "out")  # fmt: skip
+                 "--out", tmp_path / "out", status=None)  # fmt: skip
     written = pd.read_csv(tmp_path / "out" / "tables" / "ratings.csv")
 
     assert result.exit_code == 0, result.output
@@ -110,7 +108,7 @@ def test_change_over_the_session_counts_steps_of_the_declared_scale(words):
 def test_ratings_all_at_the_top_have_a_mean_and_no_distance(top, tmp_path):
     top.to_csv(tmp_path / "top.csv", index=False)
     result = run("ratings", tmp_path / "top.csv", "--by", "method", "--scale", ",".join(SCALE),
-                 "--out", tmp_path / "out")  # fmt: skip
+                 "--out", tmp_path / "out", status=None)  # fmt: skip
     out = tmp_path / "out"
     gap = pd.read_csv(out / "tables" / "comparisons.csv").iloc[0]
     numbers = json.loads((out / "results.json").read_text())["results"]["ratings"]["model"]
@@ -186,7 +184,7 @@ def levels_table(folder: Path, right) -> Path:
 def test_thresholds_that_no_answer_places_have_no_number_anywhere(tmp_path, answers, right):
     del answers
     file = levels_table(tmp_path, right)
-    result = run("psychometric", file, "--level", "level", "--out", tmp_path / "out")
+    result = run("psychometric", file, "--level", "level", "--out", tmp_path / "out", status=None)
     out = tmp_path / "out"
     population = pd.read_csv(out / "tables" / "thresholds.csv").iloc[0]
     person = pd.read_csv(out / "tables" / "people.csv").iloc[0]

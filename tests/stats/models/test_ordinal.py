@@ -182,7 +182,6 @@ def test_the_command_tells_and_writes(rated, tmp_path):
     result = run("ratings", file, "--by", "cond", "--baseline", "a", "--out", out,
                  "--scale", ",".join(words))  # fmt: skip
 
-    assert result.exit_code == 0, result.output
     assert "405 ratings of 9 participants" in result.output
     assert "c was rated 0.94 SD above a (difference 0.94, 95% CI [" in result.output
     assert list(pd.read_csv(out / "tables" / "ratings.csv")["condition"]) == ["a", "b", "c"]
@@ -194,7 +193,6 @@ def test_the_command_takes_pairs(tmp_path):
     graded(np.random.default_rng(4), people=4).to_csv(file, index=False)
     result = run("ratings", file, "--out", out)
 
-    assert result.exit_code == 0, result.output
     assert "96 ratings of 4 participants · pairs, graded" in result.output
     assert "share_0" not in pd.read_csv(out / "tables" / "ratings.csv")
 
@@ -215,9 +213,8 @@ def test_the_command_takes_pairs(tmp_path):
 def test_mistakes_get_one_message(rated, tmp_path, change, arguments, said):
     file = tmp_path / "votes.csv"
     rated.assign(**change).to_csv(file, index=False)
-    result = run("ratings", file, *arguments)
+    result = run("ratings", file, *arguments, status=2)
 
-    assert result.exit_code == 2, result.output
     assert said in " ".join(result.output.split())
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from command_line import metamerlab
 from scipy import stats
-from typer.testing import CliRunner
 
 from analysis.models.contrasts import MOST_CONDITIONS, pairs_of
 from analysis.models.mixed.arrow_matrix import MOST_LEVELS
@@ -17,7 +17,6 @@ from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
 from analysis.tasks.note import write_note
 from protocols.errors import StudyError
-from study_app.cli import app
 
 FOLDER = Path(__file__).parents[1] / "oracles"
 ORACLE = json.loads((FOLDER / "oracle_times.json").read_text())
@@ -136,14 +135,9 @@ def test_the_command_tells_and_writes_its_tables(times, tmp_path):
     file = tmp_path / "t.csv"
     times.rename(columns={"rt_s": "seconds"}).to_csv(file, index=False)
     out = tmp_path / "out"
-    result = CliRunner().invoke(
-        app,
-        ["analysis", "reaction", str(file), "--by", "cond", "--baseline", "a",
-         "--map", "rt_s=seconds", "--out", str(out)],
-        env={"COLUMNS": "200"},
-    )  # fmt: skip
+    result = metamerlab("analysis", "reaction", str(file), "--by", "cond", "--baseline", "a",
+         "--map", "rt_s=seconds", "--out", str(out), env={"COLUMNS": "200"})  # fmt: skip
 
-    assert result.exit_code == 0, result.output
     assert "405 reaction times of 9 participants" in result.output
     assert "Answers to c took 1.31 times as long as those to a" in result.output
     tables = out / "tables"
@@ -156,11 +150,10 @@ def test_the_command_tells_and_writes_its_tables(times, tmp_path):
 def test_a_baseline_that_is_none_is_refused(times, tmp_path):
     file = tmp_path / "t.csv"
     times.to_csv(file, index=False)
-    result = CliRunner().invoke(
-        app, ["analysis", "reaction", str(file), "--by", "cond", "--baseline", "d"]
+    result = metamerlab(
+        "analysis", "reaction", str(file), "--by", "cond", "--baseline", "d", status=2
     )
 
-    assert result.exit_code == 2
     assert "must be a value of 'cond' (a, b, c)" in " ".join(result.output.split())
 
 

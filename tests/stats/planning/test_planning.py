@@ -49,10 +49,10 @@ def test_planning_says_what_two_scenes_and_small_families_cannot_show(tmp_path):
     assert [" ".join(note.split()[:2]) for note in planning_notes(study)] == [*few, "two scenes"]
     assert [" ".join(note.split()[:2]) for note in planning_notes(participant)] == few
     assert planning_notes(load_protocol(Path("inpainting-2afc"))) == []
-    run("new-study", tmp_path / "rating", "--task", "rating")
+    run("new-study", tmp_path / "rating", "--task", "rating", status=None)
     ratings = load_protocol(tmp_path / "rating" / "study.toml")
     assert planning_notes(ratings)[-1].endswith("Show four or more")  # they have no other test
-    said = " ".join(run("protocol", "check", "demo").output.split())
+    said = " ".join(run("protocol", "check", "demo", status=None).output.split())
     assert "note: two scenes show hardly anything" in said
 
 
@@ -109,7 +109,7 @@ def test_changes_with_size_that_can_never_be_significant_are_said_in_every_text(
     )
     for command in (("protocol", "check"), ("protocol", "preregister"), ("analysis", "power")):
         more = ("--studies", 100) if "power" in command else ()
-        assert first in " ".join(run(*command, file, *more).output.split()), command
+        assert first in " ".join(run(*command, file, *more, status=None).output.split()), command
 
 
 def test_p_of_people_who_all_agree_is_the_least_that_planning_promises(rng):
@@ -217,7 +217,7 @@ def test_right_answers_whose_power_is_known_have_a_planned_p(name, tmp_path, rng
 
 
 def test_a_study_of_ratings_tests_times_only_where_it_says_so(tmp_path):
-    run("new-study", tmp_path / "rating", "--task", "rating")
+    run("new-study", tmp_path / "rating", "--task", "rating", status=None)
     study = load_protocol(tmp_path / "rating" / "study.toml")
     analysis = analysis_of("ratings")
     for reaction in ("summary", "models"):

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from command_line import metamerlab
 from scipy import stats
-from typer.testing import CliRunner
 
 from analysis.parts import Part, Presentation, computed
 from analysis.parts.preferences import PreferencesPart
@@ -25,7 +25,6 @@ from protocols.errors import StudyError
 from protocols.load import load_protocol
 from protocols.study_file.new_study import preferences_of
 from protocols.tasks.base import Arrangement, Cell
-from study_app.cli import app
 
 BEFORE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_power.json").read_text())
 """Power of shipped studies and documented examples, by the two simulators that this one replaced.
@@ -249,7 +248,7 @@ def test_deviations_of_a_pilot_of_ratings_are_those_it_was_made_with(rated, rng)
 
 def test_the_command_simulates_a_new_study_of_ratings(tmp_path):
     def run(*words: object):
-        return CliRunner().invoke(app, [*map(str, words)], env={"COLUMNS": "200"})
+        return metamerlab(*words, env={"COLUMNS": "200"}, status=None)
 
     assert run("new-study", tmp_path / "new", "--task", "rating").exit_code == 0
     done = run("analysis", "power", tmp_path / "new" / "study.toml", "--studies", 100)

@@ -84,14 +84,13 @@ def test_names_that_the_table_does_not_have_are_refused(decisions, key, value, m
 @pytest.mark.slow
 def test_an_imported_table_keeps_what_was_asked_for(choices, tmp_path):
     choices.to_csv(tmp_path / "c.csv", index=False)
-    result = run(
+    run(
         "import", tmp_path / "c.csv", "--set", "primary=ours/none", "--set", "order=none",
         "--set", "label.ours=Our method, new", "--set", "label.none='Original'",
         "--out", tmp_path / "in",
     )  # fmt: skip
-    assert result.exit_code == 0, result.output
     result = run("report", tmp_path / "in" / "decisions.csv", "--out", tmp_path / "out",
-                 "--no-figures")  # fmt: skip
+                 "--no-figures", status=None)  # fmt: skip
     numbers = json.loads((tmp_path / "out" / "results.json").read_text())["results"]
 
     assert result.exit_code == 0, result.output
@@ -105,7 +104,6 @@ def test_an_imported_table_keeps_what_was_asked_for(choices, tmp_path):
         "report", tmp_path / "in" / "decisions.csv", "--out", tmp_path / "again", "--no-figures",
         "--set", "label.ours=Mine", "--set", "test=participant",
     )  # fmt: skip
-    assert result.exit_code == 0, result.output
     assert "Mine was chosen over Original" in result.output
     settings = json.loads((tmp_path / "again" / "results.json").read_text())["settings"]
     assert (settings["test"], settings["primary"]) == ("participant", ["ours", "none", "all"])

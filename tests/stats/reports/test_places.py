@@ -5,8 +5,8 @@ from math import hypot
 
 import pandas as pd
 import pytest
+from command_line import metamerlab
 from fixed_studies import TABLES
-from typer.testing import CliRunner
 from undrawn_reports import undrawn
 
 from analysis.parts import Estimate
@@ -15,7 +15,6 @@ from analysis.report.write_report import report_decisions, report_sessions
 from analysis.tasks import analysis_of
 from analysis.tasks.note import write_note
 from protocols.results import read_results
-from study_app.cli import app
 
 
 def said(folder) -> tuple[dict, str]:
@@ -126,8 +125,7 @@ def test_tables_with_the_column_remote_are_compared_by_place_too(name, tmp_path)
 
     command = ["analysis", DOORS[name][0], str(tmp_path / "rows.csv"), *DOORS[name][1:]]
     with undrawn():
-        done = CliRunner().invoke(app, command, env={"COLUMNS": "200"})
-    assert done.exit_code == 0, done.output
+        done = metamerlab(*command, env={"COLUMNS": "200"})
     assert (
         f"{len(people[::2])} of {len(people)} sessions ran in participants' browsers"
         in " ".join(done.output.split())

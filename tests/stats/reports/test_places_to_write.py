@@ -5,12 +5,11 @@ import time
 from pathlib import Path
 
 import pytest
+from command_line import metamerlab
 from forked import Forked
 from PIL import Image
-from typer.testing import CliRunner
 
 from protocols.disk.result_folder import LISTING
-from study_app.cli import app
 
 TABLE = "participant,method,rt_s\n" + "".join(
     f"P{n % 4},{'ab'[n % 2]},{0.4 + n / 50}\n" for n in range(24)
@@ -24,7 +23,7 @@ PRECIOUS = (
 
 
 def run(*words: object) -> tuple[int, str]:
-    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+    done = metamerlab(*words, catch_exceptions=False, status=None)
     return done.exit_code, " ".join(done.output.split())
 
 

@@ -40,14 +40,12 @@ def votes() -> pd.DataFrame:
 def imported(votes, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("ratings")
     votes.to_csv(folder / "votes.csv", index=False)
-    result = run(
+    run(
         "import", folder / "votes.csv", "--task", "ratings", "--map", "participant=who",
         "--map", "rating=vote", "--set", "by=method", "--set", "baseline=blur",
         "--set", f"scale={','.join(SCALE)}", "--out", folder / "in",
     )  # fmt: skip
-    assert result.exit_code == 0, result.output
-    result = run("report", folder / "in" / "decisions.csv", "--out", folder / "out", "--no-figures")
-    assert result.exit_code == 0, result.output
+    run("report", folder / "in" / "decisions.csv", "--out", folder / "out", "--no-figures")
     return folder
 
 
@@ -117,10 +115,15 @@ def test_graded_pairs_with_ties_become_a_report_too(tmp_path):
     table.to_csv(tmp_path / "pairs.csv", index=False)
     made = run(
         "import", tmp_path / "pairs.csv", "--task", "ratings", "--set", "baseline=a",
-        "--out", tmp_path / "in",
+        "--out", tmp_path / "in", status=None
     )  # fmt: skip
     shown = run(
-        "report", tmp_path / "in" / "decisions.csv", "--out", tmp_path / "out", "--no-figures"
+        "report",
+        tmp_path / "in" / "decisions.csv",
+        "--out",
+        tmp_path / "out",
+        "--no-figures",
+        status=None,
     )
 
     assert (made.exit_code, shown.exit_code) == (0, 0), made.output + shown.output
@@ -177,11 +180,12 @@ def test_ratings_of_one_person_are_refused_with_a_cure_that_import_names_too(vot
             "import", tmp_path / "votes.csv", "--task", "ratings", "--set", "by=method",
             "--set", f"scale={','.join(SCALE)}", "--out", tmp_path / f"in{people}",
         )  # fmt: skip
-        assert done.exit_code == 0, done.output
         assert ("no report yet" in done.output and cure in done.output) == (people == 1)
         assert ("next: metamerlab analysis report" in done.output) == (people == 2)
         decisions = tmp_path / f"in{people}" / "decisions.csv"
-        made = run("report", decisions, "--out", tmp_path / f"out{people}", "--no-figures")
+        made = run(
+            "report", decisions, "--out", tmp_path / f"out{people}", "--no-figures", status=None
+        )
         assert made.exit_code == status, made.output
         assert (cure in " ".join(made.output.split())) == (people == 1)
 

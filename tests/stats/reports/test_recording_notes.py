@@ -2,11 +2,10 @@
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from command_line import metamerlab
 from undrawn_reports import undrawn
 
 from analysis.report.report_source import recording_notes
-from study_app.cli import app
 
 
 def sessions(*rows: tuple[str, int, str, int]) -> pd.DataFrame:
@@ -41,8 +40,7 @@ def test_the_page_and_the_terminal_say_that_data_are_simulated(sample_sessions, 
     words = ["analysis", "report", str(sample_sessions), "--protocol", "demo", "--out",
              str(tmp_path / "report")]  # fmt: skip
     with undrawn():
-        done = CliRunner().invoke(app, words, catch_exceptions=False)
-    assert done.exit_code == 0, done.output
+        done = metamerlab(*words, catch_exceptions=False)
     assert "SIMULATED data. " in done.stdout
     page = (tmp_path / "report/report.html").read_text()
     assert "When not to trust these data" in page

@@ -315,7 +315,7 @@ def test_levels_chosen_from_answers_are_said_to_spoil_shares(reported):
 
 def test_tidy_tables_say_their_task_and_give_the_same_numbers_again(reported, tmp_path):
     toml = reported.folder.parent / "study.toml"
-    run("tidy", reported.sessions, "--protocol", toml, "--out", tmp_path / "t")
+    run("tidy", reported.sessions, "--protocol", toml, "--out", tmp_path / "t", status=None)
     with undrawn():
         made = report_decisions(tmp_path / "t" / "decisions.csv", tmp_path / "r")
     found = json.loads(made.json.read_text())
@@ -335,11 +335,10 @@ def test_exports_of_every_task_are_valid(reported, tmp_path):
     if not VALIDATOR.is_file():
         pytest.skip("bids-validator-deno is not installed (it is in the extra `dev`)")
     toml = reported.folder.parent / "study.toml"
-    done = run(
+    run(
         "export", reported.sessions, "--protocol", toml, "--format", "bids",
         "--out", tmp_path / "b",
     )  # fmt: skip
-    assert done.exit_code == 0, done.output
     checked = subprocess.run(
         [VALIDATOR, "--format", "json", "--max-rows", "-1", tmp_path / "b"],
         capture_output=True,
@@ -561,11 +560,9 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
         "method=how", "--map", "correct=hit", "--set", "level=ecc", "--set", "falling=true",
         "--set", "alternatives=2", "--set", "baseline=b", "--out", tmp_path / "i",
     )  # fmt: skip
-    assert made.exit_code == 0, made.output
     assert "160 decisions of 5 participants" in made.output
-    done = run("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "r", "--no-figures")
+    run("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "r", "--no-figures")
 
-    assert done.exit_code == 0, done.output
     found = json.loads((tmp_path / "r" / "results.json").read_text())
     assert found["settings"]["values"] == ["b", "a"]
     assert set(found["results"]["curves"]["curves"]) == {"a", "b"}
@@ -574,7 +571,14 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
     assert all(width < 0 for width in widths if width is not None)
     titled = ("--title", "Acuity <1>", "--no-figures")
     with undrawn():
-        assert run("report", tmp_path / "i" / "decisions.csv", "--out", tmp_path / "t", *titled)
+        assert run(
+            "report",
+            tmp_path / "i" / "decisions.csv",
+            "--out",
+            tmp_path / "t",
+            *titled,
+            status=None,
+        )
     assert "<title>Acuity &lt;1&gt;" in (tmp_path / "t" / "report.html").read_text()
     html = (tmp_path / "r" / "report.html").read_text()
     assert "&lt;p0&gt;" in html
@@ -607,18 +611,16 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
 )
 def test_a_table_that_does_not_fit_its_task_is_refused_whole(hits, tmp_path, arguments, wanted):
     maps = ["--map", "participant=who", "--map", "correct=hit"]
-    done = run("import", hits, *maps, *arguments, "--out", tmp_path / "i")
+    done = run("import", hits, *maps, *arguments, "--out", tmp_path / "i", status=2)
 
-    assert done.exit_code == 2, done.output
     assert re.search(wanted, re.sub(r"\s+", " ", done.output)), done.output
     assert not (tmp_path / "i").exists()
 
 
 def test_a_table_of_right_answers_without_a_note_asks_for_its_task(hits, tmp_path):
     pd.read_csv(hits).rename(columns={"hit": "correct"}).to_csv(hits, index=False)
-    done = run("report", hits, "--out", tmp_path / "r")
+    done = run("report", hits, "--out", tmp_path / "r", status=2)
 
-    assert done.exit_code == 2
     assert "analysis import --task TASK" in re.sub(r"\s+", " ", done.output)
 
 
@@ -748,7 +750,6 @@ def test_the_power_command_prints_what_it_took_for_true_and_refuses_the_rest(tmp
     toml = tmp_path / "study.toml"
     done = run("power", toml, "--set", "difference=1.5", "--studies", 100, "--out", tmp_path / "p")
 
-    assert done.exit_code == 0, done.output
     assert "difference 1.5" in re.sub(r"\s+", " ", done.output)
     assert "6 (planned)" in done.output
     assert json.loads((tmp_path / "p" / "power.json").read_text())["studies"] == 100
@@ -758,6 +759,5 @@ def test_the_power_command_prints_what_it_took_for_true_and_refuses_the_rest(tmp
         ("d_prime=-1", "must be a number from 0 to inf"),
         ("d_prime=x", "must be a number from 0"),
     ):
-        refused = run("power", toml, "--set", given)
-        assert refused.exit_code == 2
+        refused = run("power", toml, "--set", given, status=2)
         assert wanted in re.sub(r"\s+", " ", refused.output), refused.output

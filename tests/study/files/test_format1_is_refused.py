@@ -7,13 +7,12 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from command_line import metamerlab
 
 from protocols.errors import LAST_WITH_FORMAT_1
 from protocols.feasibility import virtual_manifest
 from protocols.load import load_study, shipped
 from protocols.manifest import write_manifest
-from study_app.cli import app
 
 SAID = f"format: must be 2 (got 1); revision {LAST_WITH_FORMAT_1} of metamerlab is the last"
 
@@ -30,7 +29,7 @@ def refused(tmp_path, monkeypatch):
 
     def run(path: str, words: str) -> None:
         before = tree()
-        done = CliRunner().invoke(app, words.split(), terminal_width=100)
+        done = metamerlab(*words.split(), terminal_width=100, status=None)
         message = " ".join(done.output.split())
         assert done.exit_code == 2, message
         assert f"{path}: {SAID}" in message

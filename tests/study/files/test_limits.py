@@ -18,10 +18,10 @@ import numpy as np
 import psutil
 import pytest
 import trimesh
+from command_line import metamerlab
 from number_files import load_plane
 from PIL import Image
 from study_texts import shipped_study
-from typer.testing import CliRunner
 
 from analysis.export.bids_gaze import read_samples
 from analysis.tables.table import Table
@@ -50,7 +50,6 @@ from stimuli.media.png import decode_png
 from stimuli.media.video import unpacked_video
 from stimuli.scenes.mesh_file import load_world
 from stimuli.score.viewing_conditions import read_viewer_gaze
-from study_app.cli import app
 from study_app.cli.pictures.figure_command import _scores
 from study_app.clips import read_frame
 from study_app.gaze.recording import load_recording
@@ -84,9 +83,8 @@ def test_more_than_9999_trials_have_names_and_an_order():
 def test_a_billion_repeats_are_refused_at_once(tmp_path, command):
     path = demo_file(tmp_path, repeats="1_000_000")
     more = ["--out", tmp_path / "x.html"] if command == "preregister" else []
-    done = CliRunner().invoke(app, ["protocol", command, str(path), *map(str, more)])
+    done = metamerlab("protocol", command, str(path), *map(str, more), status=2)
 
-    assert done.exit_code == 2
     assert "at most 100,000 trials" in done.output
 
 
@@ -384,8 +382,7 @@ def test_a_link_that_leads_to_itself_is_one_message(tmp_path):
     loop.symlink_to(loop)
     (tmp_path / "out.png").write_bytes(b"an older one, which must not be the same file")
     asked = ["denoise", "run", loop, "--gaze", "1,1", "--out", tmp_path / "out.png"]
-    done = CliRunner().invoke(app, [str(word) for word in asked])
-    assert done.exit_code == 2
+    done = metamerlab(*asked, status=2)
     assert "too many levels of symbolic links" in " ".join(done.output.split())
 
 
@@ -432,8 +429,7 @@ def test_the_page_of_limits_has_each_of_them_and_what_commands_take(repository):
 )
 def test_a_misspelt_limit_is_named_by_any_command(monkeypatch, name, value, said):
     monkeypatch.setenv(name, value)
-    done = CliRunner().invoke(app, ["protocol", "show", "demo"])
-    assert done.exit_code == 2
+    done = metamerlab("protocol", "show", "demo", status=2)
     assert re.search(said, " ".join(done.output.split()))
 
 
@@ -476,7 +472,7 @@ def test_a_photograph_that_takes_more_memory_than_is_free_is_refused_before_it_i
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("pipeline.pictures.decode.read_pixels", None)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=-(1 << 40)))
-    done = CliRunner().invoke(app, words.split())
+    done = metamerlab(*words.split(), status=None)
     said = " ".join(done.output.split())
     assert done.exit_code == 2
     assert re.search(
@@ -534,8 +530,7 @@ def test_json_that_no_parser_holds_is_one_message(tmp_path, text):
         read_note(table)
     (tmp_path / "power.json").write_text(text)
     asked = ["protocol", "preregister", "demo", "--power", tmp_path, "--out", tmp_path / "p.html"]
-    done = CliRunner().invoke(app, [str(word) for word in asked])
-    assert done.exit_code == 2
+    done = metamerlab(*asked, status=2)
     assert "power.json: must be JSON" in " ".join(done.output.split())
     (tmp_path / "results.json").write_text(text)
     with pytest.raises(StudyError, match=r"results\.json: must be the results\.json of a report"):

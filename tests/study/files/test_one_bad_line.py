@@ -68,7 +68,7 @@ def test_a_bad_line_costs_itself_and_is_named(sessions, what, checked):
     assert named[0].isascii()
     assert not set(named[0]) & set(map(chr, range(32)))
     for arguments in (("list", sessions), ("status", path.parent), ("verify", sessions)):
-        done = metamerlab("session", *arguments)
+        done = metamerlab("session", *arguments, status=None)
         assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
         assert "\x1b" not in done.output
 
@@ -105,7 +105,7 @@ def test_a_journal_that_is_no_file_costs_one_session(sessions):
     path.mkdir()
 
     assert list(read_sessions(sessions, DEMO).sessions["participant"]) == ["S002"]
-    assert "damaged" in metamerlab("session", "list", sessions).stdout
+    assert "damaged" in metamerlab("session", "list", sessions, status=None).stdout
 
 
 def test_an_attempt_that_is_none_of_the_task_is_left_out(sessions):
@@ -151,11 +151,9 @@ def test_names_of_folders_reach_the_terminal_as_they_are(sessions):
 
     for arguments in (("list", sessions), ("status", folder), ("verify", sessions)):
         done = metamerlab("session", *arguments)
-        assert done.exit_code == 0, done.output
         assert "\x1b" not in done.output
         assert "[red]x" in done.output
-    refused = metamerlab("session", "status", sessions / "\x1b[31mno[red]")
-    assert refused.exit_code == 2
+    refused = metamerlab("session", "status", sessions / "\x1b[31mno[red]", status=2)
     assert "\x1b" not in refused.output
 
 

@@ -4,14 +4,13 @@ import json
 from collections.abc import Iterator
 
 import pytest
-from typer.testing import CliRunner
+from command_line import metamerlab
 
 from pipeline.errors import InputError
 from pipeline.foveation.conditions import create_condition
 from protocols.errors import StudyError, did_you_mean
 from protocols.formats.format_reference import schema_text
 from protocols.load import load_protocol, shipped
-from study_app.cli import app
 
 
 def enumerations(schema: object) -> Iterator[tuple[str, ...]]:
@@ -112,6 +111,5 @@ def test_a_parameter_of_a_method_is_told_too(given, meant):
     ],
 )
 def test_an_option_is_told_too(words, meant):
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 2
+    done = metamerlab(*words, status=2)
     assert f"did you mean '{meant}'" in " ".join(done.output.replace("│", " ").split())

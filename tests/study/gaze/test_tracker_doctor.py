@@ -4,12 +4,11 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from command_line import metamerlab
 from fake_pylink import FakePylink
-from typer.testing import CliRunner
 
 from protocols.errors import StudyError
 from protocols.load import load_display
-from study_app.cli import app
 from study_app.cli.doctor import check_tracker
 from study_app.doctor import Status
 from study_app.virtual import VirtualClock
@@ -81,7 +80,6 @@ def test_a_tracker_that_was_removed_is_told_with_its_bridge(kind):
     ("given", "said"), [("eyelnk", "did you mean 'eyelink'"), ("eyelink", "watches no gaze")]
 )
 def test_check_refuses_a_source_that_is_none_or_that_the_study_does_not_watch(given, said):
-    done = CliRunner().invoke(app, ["protocol", "check", "demo", "--gaze", given])
+    done = metamerlab("protocol", "check", "demo", "--gaze", given, status=2)
 
-    assert done.exit_code == 2
     assert said in done.stderr.replace("\n       ", " ")
