@@ -264,7 +264,7 @@ def test_the_parts_of_a_file_are_written_as_pictures(tmp_path, png):
         assert cells.size == held.grid.shape[::-1]
         np.testing.assert_array_equal(np.asarray(shown), np.rint(255 * decompress(held)))
 
-    code, _, _ = run(
+    _, _, _ = run(
         "compress",
         png,
         "--out",
@@ -274,7 +274,5 @@ def test_the_parts_of_a_file_are_written_as_pictures(tmp_path, png):
         "--no-statistics",
         "--steps",
         steps,
-        status=None,
     )
-    assert code == 0  # a file without maps has no picture of them
     assert run("compress", png, "--out", file, "--steps", png, status=None)[0] == 2

@@ -38,17 +38,19 @@ def warped_frame(rng, height=40, width=56, hole=None, colour=None) -> WarpedFram
     return WarpedFrame(colour, depth_m, hole, flow_px)
 
 
+@pytest.fixture
+def method(gl_context, name):
+    """The method of that name, freed after the test."""
+    made = create_method(name, gl_context)
+    yield made
+    made.release()
+
+
 @pytest.mark.parametrize("name", NAMED)
 @pytest.mark.parametrize("size", [(40, 56), (33, 47)])
-def test_every_method_keeps_known_pixels_bit_for_bit_and_fills_within_range(
-    gl_context, rng, name, size
-):
+def test_every_method_keeps_known_pixels_bit_for_bit_and_fills_within_range(method, rng, size):
     frame = warped_frame(rng, *size)
-    method = create_method(name, gl_context)
-    try:
-        filled = method.fill(frame, seed=1)
-    finally:
-        method.release()
+    filled = method.fill(frame, seed=1)
 
     known = ~frame.hole
     np.testing.assert_array_equal(
@@ -60,44 +62,32 @@ def test_every_method_keeps_known_pixels_bit_for_bit_and_fills_within_range(
 
 
 @pytest.mark.parametrize("name", NAMED)
-def test_every_method_ignores_what_the_colour_array_holds_inside_holes(gl_context, rng, name):
+def test_every_method_ignores_what_the_colour_array_holds_inside_holes(method, rng):
     frame = warped_frame(rng)
     other = frame.colour.copy()
     other[frame.hole] = rng.random((int(frame.hole.sum()), 3), dtype=np.float32)
-    method = create_method(name, gl_context)
-    try:
-        first = method.fill(frame, seed=1)
-        second = method.fill(warped_frame(rng, hole=frame.hole, colour=other), seed=1)
-    finally:
-        method.release()
+    first = method.fill(frame, seed=1)
+    second = method.fill(warped_frame(rng, hole=frame.hole, colour=other), seed=1)
 
     np.testing.assert_array_equal(first, second)
 
 
 @pytest.mark.parametrize("name", NAMED)
-def test_every_method_keeps_a_constant_image_constant(gl_context, rng, name):
+def test_every_method_keeps_a_constant_image_constant(method, rng, name):
     """OpenCV works on bytes, and its Telea drifts by up to three steps on a constant."""
     atol = 3.5 / 255 if name in ("telea", "navier-stokes") else 1e-6
     colour = np.full((40, 56, 3), (0.2, 0.4, 0.8), np.float32)
-    method = create_method(name, gl_context)
-    try:
-        filled = method.fill(warped_frame(rng, colour=colour), seed=1)
-    finally:
-        method.release()
+    filled = method.fill(warped_frame(rng, colour=colour), seed=1)
 
     np.testing.assert_allclose(filled, colour, atol=atol)
 
 
 @pytest.mark.parametrize("name", ["metameric", "metameric-paper", "push-pull-depth"])
-def test_a_frame_all_at_infinity_is_filled_as_one_at_any_depth(gl_context, rng, name):
+def test_a_frame_all_at_infinity_is_filled_as_one_at_any_depth(method, rng):
     """Nothing is nearest there, and the guide must be a number all the same."""
     far = warped_frame(rng)
     far, near = (replace(far, depth_m=np.full_like(far.depth_m, z_m)) for z_m in (np.inf, 5.0))
-    method = create_method(name, gl_context)
-    try:
-        fills = [method.fill(frame, seed=1) for frame in (far, near)]
-    finally:
-        method.release()
+    fills = [method.fill(frame, seed=1) for frame in (far, near)]
 
     np.testing.assert_array_equal(*fills)
     for frame in (far, near):
@@ -125,33 +115,21 @@ def test_every_method_is_a_pure_function_of_frame_and_seed(gl_context, rng, name
 
 
 @pytest.mark.parametrize("name", NAMED)
-def test_every_method_returns_a_frame_without_holes_as_it_is(gl_context, rng, name):
+def test_every_method_returns_a_frame_without_holes_as_it_is(method, rng):
     frame = warped_frame(rng, hole=np.zeros((40, 56), bool))
-    method = create_method(name, gl_context)
-    try:
-        np.testing.assert_array_equal(method.fill(frame, seed=1), frame.colour)
-    finally:
-        method.release()
+    np.testing.assert_array_equal(method.fill(frame, seed=1), frame.colour)
 
 
 @pytest.mark.parametrize("name", NAMED)
-def test_every_method_refuses_a_frame_that_is_all_hole(gl_context, rng, name):
-    method = create_method(name, gl_context)
-    try:
-        with pytest.raises(InputError, match="at least one known pixel"):
-            method.fill(warped_frame(rng, hole=np.ones((40, 56), bool)), seed=1)
-    finally:
-        method.release()
+def test_every_method_refuses_a_frame_that_is_all_hole(method, rng):
+    with pytest.raises(InputError, match="at least one known pixel"):
+        method.fill(warped_frame(rng, hole=np.ones((40, 56), bool)), seed=1)
 
 
 @pytest.mark.parametrize("name", NAMED)
-def test_every_method_takes_a_frame_of_one_pixel(gl_context, rng, name):
+def test_every_method_takes_a_frame_of_one_pixel(method, rng):
     frame = warped_frame(rng, 1, 1, hole=np.zeros((1, 1), bool))
-    method = create_method(name, gl_context)
-    try:
-        np.testing.assert_array_equal(method.fill(frame, seed=1), frame.colour)
-    finally:
-        method.release()
+    np.testing.assert_array_equal(method.fill(frame, seed=1), frame.colour)
 
 
 def test_composite_refuses_a_fill_that_is_not_finite_or_of_another_size(rng):

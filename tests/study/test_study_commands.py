@@ -159,10 +159,9 @@ def test_schema_of_an_unknown_format_is_refused():
 @pytest.mark.parametrize("suffix", [".md", ".html"])
 def test_preregister_writes_design_rules_and_hashes_once(study, tmp_path, suffix):
     path, out = study(("against", "against")), tmp_path / f"prereg{suffix}"
-    result = metamerlab("protocol", "preregister", path, "--out", out, status=None)
+    metamerlab("protocol", "preregister", path, "--out", out)
     text = out.read_text(encoding="utf-8")
 
-    assert result.exit_code == 0, result.output
     protocol = load_protocol(path)
     for part in (
         protocol.sha256, protocol.stimuli_sha256, "24 decisions per participant",
@@ -303,11 +302,10 @@ def test_a_study_of_void_attempts_is_no_success(
 
 def test_one_decision_is_enough_to_be_a_session(study, tmp_path):
     path = study(("timeout_s = 20.0", "timeout_s = 0.75"), ("max_attempts = 3", "max_attempts = 1"))
-    result = metamerlab("session", "simulate", path, "--out", tmp_path / "s", status=None)
+    result = metamerlab("session", "simulate", path, "--out", tmp_path / "s")
 
     (done,) = re.findall(r"1 simulated session, (\d+) decisions", result.stdout)
     assert 0 < int(done) < 24  # some too late, some not
-    assert result.exit_code == 0, result.stderr
 
 
 def test_simulated_journals_are_the_same_bytes_again(tmp_path):

@@ -49,24 +49,18 @@ def test_an_include_takes_its_place_and_keeps_its_origin(shaders):
     )
 
 
-def test_a_file_included_twice_is_put_in_once(shaders):
-    root = shaders(
-        main='#include "one.glsl"\n#include "two.glsl"\n#include "one.glsl"\n',
-        one="int one;\n",
-        two='#include "one.glsl"\nint two;\n',
-    )
+@pytest.mark.parametrize(
+    ("main", "one", "text"),
+    [
+        ((1, 2, 1), "int one;\n", "int one;\nint two;\n"),
+        ((1,), '#include "two.glsl"\nint one;\n', "int two;\nint one;\n"),
+    ],
+)
+def test_a_file_included_twice_or_by_one_that_it_includes_is_put_in_once(shaders, main, one, text):
+    lines = {1: '#include "one.glsl"\n', 2: '#include "two.glsl"\n'}
+    root = shaders(main="".join(map(lines.get, main)), one=one, two=lines[1] + "int two;\n")
 
-    assert flat(root).text == "int one;\nint two;\n"
-
-
-def test_files_that_include_each_other_end(shaders):
-    root = shaders(
-        main='#include "one.glsl"\n',
-        one='#include "two.glsl"\nint one;\n',
-        two='#include "one.glsl"\nint two;\n',
-    )
-
-    assert flat(root).text == "int two;\nint one;\n"
+    assert flat(root).text == text
 
 
 def test_a_missing_include_is_named_with_the_line_that_wants_it(shaders):

@@ -31,13 +31,6 @@ def test_counts_that_make_no_sense_are_refused(gl_context, repeats, warm_up):
         timed_runs(gl_context, lambda: None, repeats=repeats, warm_up=warm_up)
 
 
-def test_the_median_is_the_gpus_where_its_clock_counts():
-    timing = Timing(gpu_ms=(3.0, 1.0, 2.0), wall_ms=(30.0, 10.0, 20.0))
-
-    assert timing.median_ms == 2
-
-
-def test_the_median_is_the_walls_where_the_gpus_clock_reads_nothing():
-    timing = Timing(gpu_ms=(1e-6, 0.0, 1e-6), wall_ms=(30.0, 10.0, 20.0))
-
-    assert timing.median_ms == 20
+@pytest.mark.parametrize(("gpu_ms", "median_ms"), [((3.0, 1.0, 2.0), 2), ((1e-6, 0.0, 1e-6), 20)])
+def test_the_median_is_the_gpus_or_the_walls_where_the_gpus_clock_reads_nothing(gpu_ms, median_ms):
+    assert Timing(gpu_ms=gpu_ms, wall_ms=(30.0, 10.0, 20.0)).median_ms == median_ms

@@ -34,6 +34,18 @@ def noisy_depth_scene(width, levels):
     return WarpedFrame(rng.random((*size, 3), np.float32), depth, hole, flow)
 
 
+def reads_nothing_left(run):
+    """Hold two runs, after all memory was set to NaN and to 7, to each other and the reference."""
+    run()
+    results = []
+    for value in (np.nan, 7.0):
+        for item in run.buffers():
+            item.write(np.full(held_bytes(item) // 4, value, np.float32).tobytes())
+        results.append(run())
+    assert results[0].tobytes() == results[1].tobytes()
+    run.agrees(results[0], run.reference())
+
+
 @pytest.mark.parametrize(
     ("levels", "made_for", "width"),
     [(1, 1, 1024), (2, 2, 2048), (2, 1, 1024), (4, 2, 2048), (4, 4, 300)],
@@ -45,15 +57,7 @@ def test_nothing_left_in_memory_is_ever_read(prepare, levels, made_for, width):
     a coarser one's that holds it.
     """
     run = prepare(noisy_depth_scene(width, made_for), levels=levels)
-    run()
-    results = []
-    for value in (np.nan, 7.0):
-        for item in run.buffers():
-            item.write(np.full(held_bytes(item) // 4, value, np.float32).tobytes())
-        results.append(run())
-
-    assert results[0].tobytes() == results[1].tobytes()
-    run.agrees(results[0], run.reference())
+    reads_nothing_left(run)
 
 
 @pytest.mark.parametrize("begin", [125, 4000])
@@ -65,15 +69,7 @@ def test_nothing_far_from_a_hole_is_read_in_a_wide_frame(prepare, rng, begin):
     depth_m = np.full(size, 5, np.float32)
     flow = np.zeros((*size, 2), np.float32)
     run = prepare(WarpedFrame(rng.random((*size, 3), np.float32), depth_m, hole, flow))
-    run()
-    results = []
-    for value in (np.nan, 7.0):
-        for item in run.buffers():
-            item.write(np.full(held_bytes(item) // 4, value, np.float32).tobytes())
-        results.append(run())
-
-    assert results[0].tobytes() == results[1].tobytes()
-    run.agrees(results[0], run.reference())
+    reads_nothing_left(run)
 
 
 def test_a_call_allocates_nothing_and_reads_nothing_back(

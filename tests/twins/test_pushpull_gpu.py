@@ -61,32 +61,20 @@ def fill(gl_context):
     return run
 
 
-@pytest.mark.parametrize("known_share", [0.0, 0.02, 0.5, 1.0])
+@pytest.mark.parametrize(
+    ("known_share", "partial"),
+    [(0.0, False), (0.02, False), (0.5, False), (1.0, False), (0.1, True), (1.0, True)],
+)
 @pytest.mark.parametrize("size", SIZES)
-def test_push_pull_on_gpu_matches_reference(fill, rng, size, known_share):
-    image = random_image(rng, size, known_share)
+def test_push_pull_on_gpu_matches_reference(fill, rng, size, known_share, partial):
+    image = random_image(rng, size, known_share, partial_confidences=partial)
 
     filled = fill(image)
 
-    np.testing.assert_allclose(
-        filled[..., :3],
-        push_pull(image),
-        rtol=0,
-        atol=tolerance(size, partial_confidences=False),
-    )
-    np.testing.assert_array_equal(filled[..., 3], image[..., 3])
-
-
-@pytest.mark.parametrize("known_share", [0.1, 1.0])
-@pytest.mark.parametrize("size", SIZES)
-def test_partial_confidences_on_gpu_match_reference(fill, rng, size, known_share):
-    image = random_image(rng, size, known_share, partial_confidences=True)
-
-    filled = fill(image)
-
-    np.testing.assert_allclose(
-        filled[..., :3], push_pull(image), rtol=0, atol=tolerance(size, partial_confidences=True)
-    )
+    atol = tolerance(size, partial_confidences=partial)
+    np.testing.assert_allclose(filled[..., :3], push_pull(image), rtol=0, atol=atol)
+    if not partial:
+        np.testing.assert_array_equal(filled[..., 3], image[..., 3])
 
 
 @pytest.mark.parametrize("size", SIZES)

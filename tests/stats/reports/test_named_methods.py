@@ -90,10 +90,9 @@ def test_an_imported_table_keeps_what_was_asked_for(choices, tmp_path):
         "--out", tmp_path / "in",
     )  # fmt: skip
     result = run("report", tmp_path / "in" / "decisions.csv", "--out", tmp_path / "out",
-                 "--no-figures", status=None)  # fmt: skip
+                 "--no-figures")  # fmt: skip
     numbers = json.loads((tmp_path / "out" / "results.json").read_text())["results"]
 
-    assert result.exit_code == 0, result.output
     assert "Our method, new was chosen over Original" in result.output
     both = choices[choices[["first", "second"]].isin(["ours", "none"]).all(axis=1)]
     assert numbers["preferences"]["primary"]["chosen"] == (both["chosen"] == "ours").sum()

@@ -1,6 +1,7 @@
 """Numbers that are allowed and hardly meant: `protocol check` notes them."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from command_line import metamerlab, outcome_of
@@ -14,32 +15,28 @@ from protocols.study_file.plausible import display_notes
 check = outcome_of("protocol", "check")
 
 
-@pytest.fixture
-def study(tmp_path):
+def writer(shipped_file: Path, path: Path):
+    """Return a function that writes a shipped file with some of its lines changed."""
+
     def write(*changes: tuple[str, str]):
-        text = shipped("studies")["demo"].read_text(encoding="utf-8")
+        text = shipped_file.read_text(encoding="utf-8")
         for old, new in changes:
             assert old in text, old
             text = text.replace(old, new)
-        path = tmp_path / "study.toml"
         path.write_text(text, encoding="utf-8")
         return path
 
     return write
+
+
+@pytest.fixture
+def study(tmp_path):
+    return writer(shipped("studies")["demo"], tmp_path / "study.toml")
 
 
 @pytest.fixture
 def display(tmp_path):
-    def write(*changes: tuple[str, str]):
-        text = shipped("displays")["fhd27-60hz"].read_text(encoding="utf-8")
-        for old, new in changes:
-            assert old in text, old
-            text = text.replace(old, new)
-        path = tmp_path / "mine.toml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+    return writer(shipped("displays")["fhd27-60hz"], tmp_path / "mine.toml")
 
 
 @pytest.mark.parametrize(
