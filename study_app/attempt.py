@@ -188,9 +188,8 @@ def run_attempt(
     stage.key_presses()  # what was pressed before does not count
     while not state.done(script):
         phase = script.phases[state.phase]
-        rests, notice = script.rests(state.phase), None
-        if phase.follows:
-            notice = state.follows(script)
+        rests = script.rests(state.phase)
+        notice = state.follows(script) if phase.follows else None
         shown = stage.show(FlipPicture(phase, state.frames, rests, notice))
         flip = pacer.flip(shown.t_s)
         log.shown.append(shown)
@@ -290,15 +289,12 @@ def attempt_event(
     DiskError
         If a side file cannot be written.
     """
-    planned, stem = step.trial, f"{step.position:04d}"
+    planned, stem, begun_s = step.trial, f"{step.position:04d}", recorder.start_s
     gaze_file = None
     if watched.stored and log.samples:
-        gaze_file = recorder.side_file(
-            f"gaze/{stem}", ".csv", _gaze_csv(log.samples, recorder.start_s)
-        )
-    flips_file = recorder.side_file(
-        f"flips/{stem}", ".csv", _flips_csv(planned, log, script, manifest, recorder.start_s, kept)
-    )
+        gaze_file = recorder.side_file(f"gaze/{stem}", ".csv", _gaze_csv(log.samples, begun_s))
+    flips = _flips_csv(planned, log, script, manifest, begun_s, kept)
+    flips_file = recorder.side_file(f"flips/{stem}", ".csv", flips)
     given = dict(log.given) if trial.completed else {}
     first = given.pop(STUDY_QUESTION.name, None)
     judged = trial.completed and planned.correct is not None

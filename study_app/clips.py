@@ -21,6 +21,7 @@ import psutil
 from numpy.typing import NDArray
 from PIL import Image
 
+from pipeline.gl.context import describe
 from protocols.disk.hashing import sha256_bytes
 from protocols.disk.whole_file import read_bytes
 from protocols.errors import StudyError
@@ -30,6 +31,25 @@ from protocols.outside import reading
 Names: TypeAlias = tuple[str, ...]
 """The stimuli of one trial, as its task counts them."""
 _DECODED_AHEAD = 4  # frames that wait in memory for their upload
+
+
+def frame_bytes(folder: Path, clip: Clip, index: int) -> bytes:
+    """Return the file of one frame, which is the one that was hashed.
+
+    Raises
+    ------
+    StudyError
+        If it is missing, or changed since.
+    """
+    path = folder / clip.frame_path(index)
+    data = read_bytes(path, "a frame of the study")
+    then, found = clip.frames_sha256[index], sha256_bytes(data)
+    if found != then:
+        raise StudyError(
+            f"{path}: must be the frame that was hashed ({then[:12]}, got {found[:12]}); restore"
+            " it, or run 'metamerlab stimuli build' again"
+        )
+    return data
 
 
 def read_frame(folder: Path, clip: Clip, index: int) -> NDArray[np.uint8]:
@@ -46,13 +66,7 @@ def read_frame(folder: Path, clip: Clip, index: int) -> NDArray[np.uint8]:
         If the file is missing, changed since it was hashed, or no 8-bit RGB image of its size.
     """
     path = folder / clip.frame_path(index)
-    data = read_bytes(path, "a frame of the study")
-    found = sha256_bytes(data)
-    if found != clip.frames_sha256[index]:
-        raise StudyError(
-            f"{path}: must be the frame that was hashed ({clip.frames_sha256[index][:12]}, got"
-            f" {found[:12]}); restore it, or run 'metamerlab stimuli build' again"
-        )
+    data = frame_bytes(folder, clip, index)
     with (
         reading(path, "a PNG frame that can be read", StudyError),
         Image.open(io.BytesIO(data)) as image,
@@ -273,8 +287,7 @@ def _allocate(
             f"clips must have at most {layers} frames on this graphics driver (got {frames});"
             " shorten them"
         )
-    renderer = str(ctx.info["GL_RENDERER"]).lower()
-    if any(word in renderer for word in ("llvmpipe", "softpipe", "swrast")):
+    if describe(ctx).software:
         free = psutil.virtual_memory().available
         if needed > 0.9 * free:
             raise StudyError(_too_little(mib, f"{free / 2**20:.0f} MiB are free"))

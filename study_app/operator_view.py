@@ -31,6 +31,16 @@ class SessionProgress:
     message: str
     """Reason why it ended, where that is an error."""
 
+    def rows(self, of_what: str) -> list[tuple[str, str]]:
+        """Return the attempts, missed refreshes, and lost gaze; `of_what` follows its percent."""
+        voids = ", ".join(f"{count} {reason}" for reason, count in self.voids)
+        lost = () if self.lost_share is None else (f"{100 * self.lost_share:.1f} %{of_what}",)
+        return [
+            ("attempts", f"{self.attempts}, void: {voids or 'none'}"),
+            ("missed refreshes", f"{self.missed} of {self.shown}"),
+            *(("gaze lost", share) for share in lost),
+        ]
+
 
 def standing(events: Sequence[AnyEvent]) -> SessionProgress:
     """Sum up a journal."""
@@ -91,11 +101,7 @@ def rows(events: Sequence[AnyEvent]) -> list[tuple[str, str]]:
     if attempts:
         last = attempts[-1]
         table.append(("last", f"{last.trial}: {last.void_reason or last.answer}"))
-    voids = ", ".join(f"{count} {reason}" for reason, count in now.voids)
-    table.append(("attempts", f"{now.attempts}, void: {voids or 'none'}"))
-    table.append(("missed refreshes", f"{now.missed} of {now.shown}"))
-    if now.lost_share is not None:
-        table.append(("gaze lost", f"{100 * now.lost_share:.1f} %"))
+    table += now.rows("")
     if now.accuracy_deg is not None:
         table.append(("gaze accuracy", f"{now.accuracy_deg:.2f} deg at the last validation"))
     table.append(("state", now.ended or "running"))

@@ -107,15 +107,11 @@ class Presenter:
         self._last_s = window.now()
         self._notice: tuple[Drawing, float] | None = None
         self._answer: KeyPress | None = None
+        quit_keys = study.response.quit_keys
         self._turner = PageTurner(
-            window,
-            self._painter,
-            self._pages,
-            study.response.quit_keys,
-            self._flip_and_load,
-            self.key_presses,
+            window, self._painter, self._pages, quit_keys, self._flip_and_load, self.key_presses,
             self._observer,
-        )
+        )  # fmt: skip
 
     def __enter__(self) -> Presenter:
         return self

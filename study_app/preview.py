@@ -7,7 +7,7 @@ and pictures as a session's, made small.
 from __future__ import annotations
 
 import base64
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, assert_never
@@ -99,15 +99,6 @@ def preview_page(
     chosen = [trials[int(index)] for index in spread]
     maker = _Maker(study, display, known, stimuli)
     played = [maker.trial(trial) for trial in chosen]
-    data = {
-        "size": maker.stage,
-        "grey": maker.grey,
-        "hz": display.refresh_hz,
-        "trials": played,
-        "stimuli": maker.stimuli(),
-        "images": maker.images,
-        "window": maker.window(),
-    }
     html = html_page(
         f"{study.study.title}: preview",
         "study_app/preview.html",
@@ -115,7 +106,7 @@ def preview_page(
         mark=MARK,
         study=study,
         display=display,
-        data=data,
+        data=maker.data(played),
         trials=[{**one, "table": maker.phase_table(one["phases"])} for one in played],
         languages={
             language: [
@@ -219,9 +210,17 @@ class _Maker:
         watched = "gaze watched" if phase["watched"] and gaze.mode != "none" else ""
         return "; ".join(filter(None, (ends, watched)))
 
-    def stimuli(self) -> dict[str, dict[str, Any]]:
-        """Return the pictures of everything that the trials show, by name."""
-        return {name: self._stimulus(name) for name in self._used}
+    def data(self, played: Sequence[Mapping[str, object]]) -> dict[str, object]:
+        """Return what the page plays: trials, and the pictures of everything that they show."""
+        return {
+            "size": self.stage,
+            "grey": self.grey,
+            "hz": self._display.refresh_hz,
+            "trials": played,
+            "stimuli": {name: self._stimulus(name) for name in self._used},
+            "images": self.images,
+            "window": self.window(),
+        }
 
     def window(self) -> dict[str, float] | None:
         """Return the ellipse within which gaze counts as held, in pixels of the stage."""

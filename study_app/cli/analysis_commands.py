@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
 
     from analysis.parts import AnalysisPlan
     from analysis.power_curves import Power
-    from analysis.report.report_source import Progress
+    from analysis.report.report_source import Progress, TableSettings
     from analysis.tables.counts import Counted
     from protocols.study_file.schema import StudyProtocol
 
@@ -71,6 +71,37 @@ app = CommandGroup(
 )
 
 
+@dataclasses.dataclass(frozen=True)
+class ReportedTable:
+    """Options of a report on a table alone."""
+
+    title: str | None = None
+    """Top of the page, for a table only; left out: its file's name."""
+    where: WhereOption = None
+    told: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None
+    """Settings of the analysis, in place of what is noted beside it, such as primary=ours/blur,
+    alpha=0.01 or label.ours='Our method'; may be given more than once."""
+
+    def settings(self, study: StudyProtocol | None) -> TableSettings:
+        """Return them as the report takes them."""
+        from analysis.report.report_source import TableSettings
+
+        return TableSettings(study, self.title, self.where or (), pairs("--set", self.told or ()))
+
+    def refuse_for_sessions(self, study: StudyProtocol) -> None:
+        """Refuse what the protocol of sessions says."""
+        if self.title is not None:
+            raise StudyError(
+                "--title must be left out for sessions: the protocol has it as study.title"
+                f" ({study.study.title!r})"
+            )
+        if self.where is not None or self.told is not None:
+            raise StudyError(
+                "--where and --set must be left out for sessions: the protocol says in"
+                " [analysis] what is left out, and how they are analysed"
+            )
+
+
 @app.command()
 def report(
     sessions: Annotated[
@@ -84,21 +115,8 @@ def report(
     protocol: Annotated[
         Path | None, typer.Option(help=SESSIONS_PROTOCOL_HELP + " Optional for a table only.")
     ] = None,
-    title: Annotated[
-        str | None,
-        typer.Option(help="Top of the page, for a table only; left out: its file's name."),
-    ] = None,
-    where: WhereOption = None,
-    told: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Settings of the analysis, in place of what is noted beside it, such as"
-            " primary=ours/blur, alpha=0.01 or label.ours='Our method'; may be given more than"
-            " once.",
-        ),
-    ] = None,
+    *,
+    of_table: ReportedTable,
     figures: Annotated[
         bool, typer.Option(help="Also write every figure as SVG, PDF and PNG at both widths.")
     ] = True,
@@ -112,7 +130,6 @@ def report(
 
     Example: metamerlab analysis report sessions --protocol demo --out report
     """
-    from analysis.report.report_source import TableSettings
     from analysis.report.write_report import report_decisions, report_sessions
 
     study = recorded_protocol(protocol) if protocol else None
@@ -121,7 +138,7 @@ def report(
             made = report_decisions(
                 sessions,
                 out,
-                table=TableSettings(study, title, where or (), pairs("--set", told or ())),
+                table=of_table.settings(study),
                 replace=replace,
                 figure_files=figures,
                 progress=progress,
@@ -131,17 +148,8 @@ def report(
                 "--protocol must name the protocol of the sessions"
                 " (only a table of decisions goes without one)"
             )
-        elif title is not None:
-            raise StudyError(
-                "--title must be left out for sessions: the protocol has it as study.title"
-                f" ({study.study.title!r})"
-            )
-        elif where is not None or told is not None:
-            raise StudyError(
-                "--where and --set must be left out for sessions: the protocol says in"
-                " [analysis] what is left out, and how they are analysed"
-            )
         else:
+            of_table.refuse_for_sessions(study)
             made = report_sessions(
                 sessions,
                 study,
@@ -205,6 +213,21 @@ class DesignOptions:
     """Without a protocol: decisions of a person on a pair in a scene."""
     participants: int | None = None
     """Without a protocol: how many there are."""
+
+    def study(self) -> StudyProtocol:
+        """Return a study of preferences with these numbers."""
+        from protocols.study_file.new_study import preferences_of
+
+        sizes = (self.pair_count, self.scenes, self.repeats, self.participants)
+        numbers = dict(zip(("pairs", "scenes", "repeats", "participants"), sizes, strict=True))
+        missing = [f"--{name}" for name, value in numbers.items() if value is None]
+        if missing:
+            raise StudyError(
+                "power needs a protocol, or all numbers of a design (missing:"
+                f" {', '.join(missing)}); metamerlab analysis power --pairs 3 --scenes 6"
+                " --repeats 2 --participants 11 --rate 0.65"
+            )
+        return preferences_of(**{name: value or 0 for name, value in numbers.items()})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -271,9 +294,7 @@ def power(
     """
     import numpy as np
 
-    from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
     from analysis.power import power as simulated_power
-    from analysis.report.values import as_json
     from analysis.tasks import analysis_of
     from protocols.disk.result_folder import check_result, whole_folder
     from protocols.load import load_protocol
@@ -282,10 +303,8 @@ def power(
     reads = () if pilot is None else [pilot]
     if out is not None:
         check_result(out, replace=replace, reads=reads)
-    sizes = (design.pair_count, design.scenes, design.repeats, design.participants)
-    numbers = dict(zip(("pairs", "scenes", "repeats", "participants"), sizes, strict=True))
-    study = _of_numbers(numbers) if protocol is None else load_protocol(protocol)
-    if protocol is not None and any(value is not None for value in numbers.values()):
+    study = design.study() if protocol is None else load_protocol(protocol)
+    if protocol is not None and design != DesignOptions():
         raise StudyError(
             "--pairs, --scenes, --repeats and --participants are for a design without a"
             f" protocol (got {protocol} too); leave one of both out"
@@ -308,12 +327,7 @@ def power(
         )
     if out is not None:
         with whole_folder(out, replace=replace, reads=reads) as work:
-            for name, width in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
-                save_figure(found.draw(width), work, f"power-{name}")
-                if found.designs:
-                    save_figure(found.draw_designs(width), work, f"scenes-{name}")
-            text = json.dumps(as_json(found.numbers), indent=1, sort_keys=True, allow_nan=False)
-            (work / "power.json").write_text(text + "\n", encoding="utf-8", newline="\n")
+            _write_power(found, work)
     _print_power(dataclasses.replace(found, warnings=(*notes, *found.warnings)))
     if out is not None:
         say(f"curve: {out / 'power-2-column.png'}")
@@ -409,32 +423,16 @@ def import_(
         write_note(work / "decisions.csv", section)
     say_notes(plain.notes)
     people = count_of(decisions["participant"].nunique(), "participant")
-    counted = f"{count_of(len(decisions), 'decision')} of {people}"
-    say(f"{out / 'decisions.csv'}: {counted}")
-    written = shlex.quote(str(out / "decisions.csv"))
-    lack = analysis.lacks(decisions, plan)
-    say(
-        f"no report yet: {lack}"
-        if lack
-        else f"next: metamerlab analysis report {written} --out report"
-    )
+    written = out / "decisions.csv"
+    say(f"{written}: {count_of(len(decisions), 'decision')} of {people}")
+    if lack := analysis.lacks(decisions, plan):
+        say(f"no report yet: {lack}")
+    else:
+        say(f"next: metamerlab analysis report {shlex.quote(str(written))} --out report")
 
 
 for _command in (export, psychometric, detection, reaction, ratings):
     app.command()(_command)
-
-
-def _of_numbers(numbers: Mapping[str, int | None]) -> StudyProtocol:
-    from protocols.study_file.new_study import preferences_of
-
-    missing = [f"--{name}" for name, value in numbers.items() if value is None]
-    if missing:
-        raise StudyError(
-            f"power needs a protocol, or all numbers of a design (missing: {', '.join(missing)});"
-            " metamerlab analysis power --pairs 3 --scenes 6 --repeats 2 --participants 11"
-            " --rate 0.65"
-        )
-    return preferences_of(**{name: value or 0 for name, value in numbers.items()})
 
 
 def _pilot(
@@ -452,6 +450,19 @@ def _pilot(
         )
     say_notes(found.warnings if table else ())
     return found.decisions, found.plan
+
+
+def _write_power(found: Power, folder: Path) -> None:
+    """Write the curves at both widths, and every number."""
+    from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, save_figure
+    from analysis.report.values import as_json
+
+    for name, width in (("1-column", ONE_COLUMN_IN), ("2-column", TWO_COLUMNS_IN)):
+        save_figure(found.draw(width), folder, f"power-{name}")
+        if found.designs:
+            save_figure(found.draw_designs(width), folder, f"scenes-{name}")
+    text = json.dumps(as_json(found.numbers), indent=1, sort_keys=True, allow_nan=False)
+    (folder / "power.json").write_text(text + "\n", encoding="utf-8", newline="\n")
 
 
 def _print_power(found: Power) -> None:

@@ -22,7 +22,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.load import SECRET_SUFFIX, load_display
 from protocols.study_file.new_study import FOLDERS, TEMPLATES, inputs_folder, study_files
-from protocols.study_file.own_stimuli import OwnScene, OwnStimuli
+from protocols.study_file.own_stimuli import OwnClips, OwnScene, OwnStimuli
 from protocols.units import NAME_IN_WORDS, NAME_LENGTH, NAME_PATTERN
 from study_app.cli.options import one_of, unknown_numbers
 from study_app.cli.options import pairs as pairs_of
@@ -347,29 +347,35 @@ def _own_scenes(
         with progress_line("trying views") as report:
             for scene in scenes:
                 taken = [each.name for each in (*photographed, *found)]
-                shown = f"views of {Path(scene).name}"
-                say_of = partial(_say_of, report, shown)
+                say_of = partial(_say_of, report, f"views of {Path(scene).name}")
                 found.append(bring_scene(scene, work, taken, ctx, say_of, notes.append))
     finally:
         if ctx is not None:
             release_context(ctx)
     of_all = clips_of(asked, screen, len(found) + len(photographed))
-    longest = max((clips.frames for clips in asked), default=0)
+    if of_all is not None:
+        notes += _left_away(asked, of_all)
+    return OwnStimuli((*found, *photographed), fills, of_all), notes
+
+
+def _left_away(asked: Sequence[OwnClips], of_all: OwnClips) -> list[str]:
+    """Say what of the sequences no clip shows."""
+    notes, kept_px = list[str](), (of_all.width_px, of_all.height_px)
     for clips in asked:
-        assert of_all is not None
-        size_px, kept_px = ((c.width_px, c.height_px) for c in (clips, of_all))
+        size_px = clips.width_px, clips.height_px
         if kept_px != size_px:
             notes.append(
                 f"clips show the middle {kept_px[0]} x {kept_px[1]} px of frames of {size_px[0]} x"
                 f" {size_px[1]}: what the display, and the smallest sequence, has room for, in"
                 " whole pairs of pixels"
             )
-    if of_all is not None and of_all.frames < longest:
+    longest = max((clips.frames for clips in asked), default=0)
+    if of_all.frames < longest:
         notes.append(
             f"clips have {of_all.frames} of {longest} frames: as many as the shortest sequence has"
             " and as twice two clips fit into clip_memory_mib of display.toml"
         )
-    return OwnStimuli((*found, *photographed), fills, of_all), notes
+    return notes
 
 
 def _say_of(report: Callable[[int, int, str], None], what: str, done: int, total: int) -> None:

@@ -104,27 +104,8 @@ class Window:
         self.mode_hz = float(mode.refresh_rate)
         x, y = glfw.get_monitor_pos(monitor)
         self._begins = int(x), int(y)
-        for hint, value in (
-            (glfw.CONTEXT_VERSION_MAJOR, 3),  # at least: drivers give the newest they have
-            (glfw.CONTEXT_VERSION_MINOR, 3),
-            (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
-            (glfw.OPENGL_FORWARD_COMPAT, True),
-            (glfw.DOUBLEBUFFER, True),
-            (glfw.RED_BITS, 8),
-            (glfw.GREEN_BITS, 8),
-            (glfw.BLUE_BITS, 8),
-            (glfw.SAMPLES, 0),
-            (glfw.SRGB_CAPABLE, False),
-            (glfw.AUTO_ICONIFY, False),
-            (glfw.REFRESH_RATE, mode.refresh_rate or glfw.DONT_CARE),
-            # Some window managers cover the monitor that the window lies on, not the one asked for.
-            (glfw.POSITION_X, self._begins[0]),
-            (glfw.POSITION_Y, self._begins[1]),
-        ):
-            glfw.window_hint(hint, value)
-        self._handle = glfw.create_window(
-            display.width_px, display.height_px, "metamerlab", monitor, None
-        )
+        self._hint(mode.refresh_rate)
+        self._handle = glfw.create_window(*self.size, "metamerlab", monitor, None)
         if not self._handle:
             reason = plain_text(glfw.get_error()[1]) or "no reason given"
             raise StudyError(
@@ -141,13 +122,7 @@ class Window:
         self._await_full_screen()
         self.ctx.screen.use()
         self._sync = SyncValues.of_window(glfw, self._handle) if self.pacing == "vsync" else None
-        glfw.set_key_callback(self._handle, self._on_key)
-        glfw.set_char_callback(self._handle, self._on_char)
-        glfw.set_window_focus_callback(self._handle, self._on_focus)
-        glfw.set_window_close_callback(self._handle, self._on_close)
-        glfw.set_framebuffer_size_callback(self._handle, self._on_size)
-        glfw.set_window_pos_callback(self._handle, self._on_place)
-        glfw.set_mouse_button_callback(self._handle, self._on_button)
+        self._listen()
         glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_HIDDEN)
         self._cursor_shown = self._cursor_stays = False
         self._gamepad = Gamepad(glfw)
@@ -161,6 +136,36 @@ class Window:
             unasked = str(error)
         self.unnoticed = unnoticed(window_system(), os.environ, unasked)
         """Events of a desktop that nothing tells, and the cure; empty: all are told."""
+
+    def _hint(self, refresh_hz: int) -> None:
+        """Say what the next window is to be."""
+        for hint, value in (
+            (glfw.CONTEXT_VERSION_MAJOR, 3),  # at least: drivers give the newest they have
+            (glfw.CONTEXT_VERSION_MINOR, 3),
+            (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
+            (glfw.OPENGL_FORWARD_COMPAT, True),
+            (glfw.DOUBLEBUFFER, True),
+            (glfw.RED_BITS, 8),
+            (glfw.GREEN_BITS, 8),
+            (glfw.BLUE_BITS, 8),
+            (glfw.SAMPLES, 0),
+            (glfw.SRGB_CAPABLE, False),
+            (glfw.AUTO_ICONIFY, False),
+            (glfw.REFRESH_RATE, refresh_hz or glfw.DONT_CARE),
+            # Some window managers cover the monitor that the window lies on, not the one asked for.
+            (glfw.POSITION_X, self._begins[0]),
+            (glfw.POSITION_Y, self._begins[1]),
+        ):
+            glfw.window_hint(hint, value)
+
+    def _listen(self) -> None:
+        glfw.set_key_callback(self._handle, self._on_key)
+        glfw.set_char_callback(self._handle, self._on_char)
+        glfw.set_window_focus_callback(self._handle, self._on_focus)
+        glfw.set_window_close_callback(self._handle, self._on_close)
+        glfw.set_framebuffer_size_callback(self._handle, self._on_size)
+        glfw.set_window_pos_callback(self._handle, self._on_place)
+        glfw.set_mouse_button_callback(self._handle, self._on_button)
 
     def __enter__(self) -> Window:
         return self

@@ -148,15 +148,7 @@ def _read_asc(path: Path, text: str, eye: Eye | None) -> Recording:
         elif match := _BLINK.match(line):
             blinks.extend((float(match[1]), float(match[2])))
         elif match := _SCREEN.match(line):
-            left, top, right, bottom = map(float, match.groups()[1:])
-            box = (left, top, right, bottom)
-            if match[1] == "GAZE_COORDS" and boxes.setdefault(match[1], box) != box:
-                first, then = (" ".join(f"{v:g}" for v in one) for one in (boxes[match[1]], box))
-                raise StudyError(
-                    f"{path}: must keep its coordinates (GAZE_COORDS {first}, later {then}); cut"
-                    " the file, and replay one part"
-                )
-            boxes[match[1]] = box
+            _take_box(path, boxes, match)
     if not samples:
         raise StudyError(f"{path}: must hold samples between START and END (found none)")
     stamps, *places = np.array(samples).reshape(-1, 5).T
@@ -176,6 +168,19 @@ def _read_asc(path: Path, text: str, eye: Eye | None) -> Recording:
     rate_hz = rate_hz or _median_rate(path, t_s)
     from_zero = said is not None and said[:2] == (0.0, 0.0)
     return Recording(path, stamps, t_s, x, y, rate_hz, screen, from_zero, blinks_s, notes)
+
+
+def _take_box(path: Path, boxes: dict[str, Box], match: re.Match[str]) -> None:
+    """Keep the coordinates of a line; those of gaze may not change."""
+    left, top, right, bottom = map(float, match.groups()[1:])
+    box = (left, top, right, bottom)
+    if match[1] == "GAZE_COORDS" and boxes.setdefault(match[1], box) != box:
+        first, then = (" ".join(f"{v:g}" for v in one) for one in (boxes[match[1]], box))
+        raise StudyError(
+            f"{path}: must keep its coordinates (GAZE_COORDS {first}, later {then}); cut the file,"
+            " and replay one part"
+        )
+    boxes[match[1]] = box
 
 
 def _asc_sample(line: str, eyes: int) -> tuple[float, float, float, float, float]:

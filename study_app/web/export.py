@@ -37,7 +37,6 @@ from protocols.browser.web_study import (
 )
 from protocols.disk.hashing import sha256_bytes, sha256_json
 from protocols.disk.result_folder import whole_folder
-from protocols.disk.whole_file import read_bytes
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import TRIALS_IN_MEMORY, require_feasible, session_duration_s
@@ -47,7 +46,7 @@ from protocols.revision import code_revision
 from protocols.script import Drawn, Entry, Frames, Live, Picture, PixelSize, Place, TrialScript
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import consent_text, filled_text
-from study_app.clips import check_files
+from study_app.clips import check_files, frame_bytes
 from study_app.paint import Bitmaps, PixelBytes, bitmaps_of, drawn
 
 STUDY_FILE, PACKS, PICTURES = "study.json", "packs", "pictures"
@@ -401,19 +400,14 @@ def write_pack(stimuli: Path, clip: Clip, folder: Path) -> Pack:
     """
     end, ends = 0, []
     with (folder / f"{clip.name}.pack").open("wb") as pack:
-        for index, sha in enumerate(clip.frames_sha256):
-            path = stimuli / clip.frame_path(index)
-            data = read_bytes(path, "a frame of the study")
-            if sha256_bytes(data) != sha:
-                raise StudyError(
-                    f"{path}: must be the frame that was hashed ({sha[:12]}, got"
-                    f" {sha256_bytes(data)[:12]}); restore it, or build the stimuli again"
-                )
+        for index in range(len(clip.frames_sha256)):
+            data = frame_bytes(stimuli, clip, index)
             if chunks := colour_chunks(data):
                 raise StudyError(
-                    f"{path}: must hold no colour chunk (has {', '.join(chunks)}): some browsers"
-                    " show other codes then than those that were hashed; build the stimuli with"
-                    " 'metamerlab stimuli build', which writes none"
+                    f"{stimuli / clip.frame_path(index)}: must hold no colour chunk (has"
+                    f" {', '.join(chunks)}): some browsers show other codes then than those that"
+                    " were hashed; build the stimuli with 'metamerlab stimuli build', which writes"
+                    " none"
                 )
             pack.write(data)
             end += len(data)

@@ -21,6 +21,7 @@ from study_app.cli.terminal import say
 
 if TYPE_CHECKING:
     from pipeline.pictures.drawing import Crop
+    from stimuli.warp.teaser import RowSettings
 
 ENDINGS = (".pdf", ".svg", ".png")
 MINUS = "\N{MINUS SIGN}"
@@ -49,6 +50,20 @@ class ShownOptions:
     """Score of the report to print."""
     columns: Annotated[int, typer.Option(min=1, max=2)] = 2
     """Width in columns of a paper: 1 or 2."""
+
+    def rows(self) -> RowSettings:
+        """Return what decides the rows."""
+        from stimuli.warp.teaser import RowSettings
+
+        named = () if self.methods is None else self.methods.split(",")
+        return RowSettings(
+            tuple(name.strip() for name in named),
+            tuple(self.scene or ()),
+            self.size,
+            self.frame,
+            tuple(_crops(self.crops or ["auto"])),
+            self.count,
+        )
 
 
 def figure(
@@ -87,7 +102,7 @@ def figure(
     """
     from protocols.disk.whole_file import write_whole
     from stimuli.score.plots import png_bytes, vector_bytes
-    from stimuli.warp.teaser import RowSettings, figure_rows, of_clips, of_steps, teaser
+    from stimuli.warp.teaser import figure_rows, of_clips, of_steps, teaser
 
     if out.suffix not in ENDINGS:
         raise StudyError(f"--out: must end in {', '.join(ENDINGS)} (got {out})")
@@ -99,16 +114,7 @@ def figure(
     built = is_study or (clips / "manifest.json").exists() or not clips.is_dir()
     chosen, rows = figure_rows(
         of_clips(clips, read_manifest(clips)) if built else of_steps(clips),
-        RowSettings(
-            ()
-            if shown.methods is None
-            else tuple(name.strip() for name in shown.methods.split(",")),
-            tuple(shown.scene or ()),
-            shown.size,
-            shown.frame,
-            tuple(_crops(shown.crops or ["auto"])),
-            shown.count,
-        ),
+        shown.rows(),
         labels,
     )
     scores: Mapping[str, str] = {}

@@ -222,12 +222,7 @@ def foveate(
     if moving:
         _check_clip(picture, out, outputs, clip.video)
     else:
-        given = {"--video": clip.video, "--fps": clip.fps, f"--gaze {each}": each}
-        if wrong := [name for name, value in given.items() if value is not None]:
-            raise StudyError(
-                f"{wrong[0]} is for a folder of frames or a video (PICTURE is neither)"
-            )
-        _check(picture, outputs, clip.flow)
+        _check(picture, outputs, clip, each)
     console = PlainConsole(soft_wrap=True)
     with renderer(console, numpy_only) as ctx, ProgressLines(console) as teller:
         reading = file.reading(seen.panorama)
@@ -278,11 +273,14 @@ def _check_clip(picture: Path, out: Path | None, outputs: Outputs, video: Path |
         raise StudyError(f"OUT must be a folder, as PICTURE is a folder of frames (got {out})")
 
 
-def _check(picture: Path, outputs: Outputs, flow: Path | None) -> None:
-    """Refuse before the work what could not be written after it."""
+def _check(picture: Path, outputs: Outputs, clip: ClipOptions, each: str | None) -> None:
+    """Refuse what is for frames, and before the work what could not be written after it."""
     from stimuli.media.moving import ENDINGS
 
-    if flow is not None:
+    given = {"--video": clip.video, "--fps": clip.fps, f"--gaze {each}": each}
+    if wrong := [name for name, value in given.items() if value is not None]:
+        raise StudyError(f"{wrong[0]} is for a folder of frames or a video (PICTURE is neither)")
+    if clip.flow is not None:
         raise StudyError("--flow is for a folder of frames (PICTURE is no folder)")
 
     check_outputs(

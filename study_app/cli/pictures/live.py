@@ -30,13 +30,14 @@ if TYPE_CHECKING:
     from pipeline.named_classes import Choice
     from pipeline.pictures.colour_file import PictureReading
     from protocols.recipes.base import Change
-    from study_app.cli.pictures.live_renderer import FoveatingRenderer
+    from study_app.cli.pictures.live_renderer import FoveatingRenderer, LiveSource
     from study_app.desktop.window import Window
     from study_app.gaze.source import GazeSample
     from study_app.gaze.trusted import TrustedGaze
-    from study_app.live.log import LiveLog
+    from study_app.live.log import LiveChoice, LiveLog, ReadLog
     from study_app.live.loop import DrawnFlip, LiveLoop
-    from study_app.live.renderer import LiveView
+    from study_app.live.redraw import RedrawResult
+    from study_app.live.renderer import LiveView, RendererDescription
     from study_app.live.screen import WindowScreen
     from study_app.pacing import Pacing
 
@@ -174,12 +175,7 @@ def _choices(methods: list[str] | None, settings: list[str] | None) -> list[Choi
 
 
 def _run(show: _Show) -> None:
-    from study_app.cli.pictures.live_renderer import (
-        BUILTIN,
-        FoveatingRenderer,
-        draw_source,
-        read_source,
-    )
+    from study_app.cli.pictures.live_renderer import FoveatingRenderer, draw_source
     from study_app.desktop.monitor import monitor_display
     from study_app.desktop.window import Window
     from study_app.gaze.open_source import check_kind
@@ -191,11 +187,8 @@ def _run(show: _Show) -> None:
         if not asked.panorama:
             raise StudyError("--head turns a panorama; add --panorama, or leave --head out")
     shown_on = load_display(asked.display) if asked.display is not None else None
-    read, fps = None, 0.0
-    if not show.source.startswith(BUILTIN):
-        with frames_of(Path(show.source), asked.fps, say) as (path, fps):
-            read = read_source(path, show.reading, panorama=asked.panorama)
-    elif asked.panorama:
+    read, fps = _read(show.source, show.reading, asked.panorama, asked.fps)
+    if read is None and asked.panorama:
         raise StudyError(f"--panorama is for a file; {show.source} is flat")
     if asked.fps is not None and (read is None or len(read.frames) == 1):
         raise StudyError("--fps is for a folder of frames or a video (SOURCE is neither)")
@@ -212,6 +205,18 @@ def _run(show: _Show) -> None:
         renderer = FoveatingRenderer(window.ctx, source, geometry, show.choices[0])
         open_now.callback(renderer.release)
         _Showing(show, window, renderer, (corner[0], corner[1]), fps).run()
+
+
+def _read(
+    source: str, reading: PictureReading, panorama: bool, fps: float | None = None
+) -> tuple[LiveSource | None, float]:
+    """Return what a file holds, and its frames a second; nothing for a picture of ours."""
+    from study_app.cli.pictures.live_renderer import BUILTIN, read_source
+
+    if source.startswith(BUILTIN):
+        return None, 0.0
+    with frames_of(Path(source), fps, say) as (path, rate_hz):
+        return read_source(path, reading, panorama=panorama), rate_hz
 
 
 def _geometry(size: tuple[int, int], show: _Show) -> FlatGeometry:
@@ -449,19 +454,7 @@ def _other_law(choice: Choice) -> Choice:
 
 def _verify(source: str, path: Path) -> None:
     """Draw a log again, and say what is not as it was."""
-    from pipeline.foveation.geometry import FlatGeometry
-    from pipeline.gl.context import describe, lent_context
-    from pipeline.named_classes import Choice
-    from pipeline.pictures.colour_file import PictureReading
-    from pipeline.pictures.size_limits import check_need
-    from study_app.cli.pictures.live_renderer import (
-        BUILTIN,
-        FoveatingRenderer,
-        draw_source,
-        read_source,
-    )
     from study_app.live.log import LiveChoice, LiveFlip, read_log
-    from study_app.live.redraw import redraw
 
     log = read_log(path)
     say_notes(log.notes)
@@ -471,43 +464,49 @@ def _verify(source: str, path: Path) -> None:
             raise StudyError(f"{path}: must say what drew its flips before the first one")
         say("0 flips: nothing was shown")
         return
-    said = first.described
-    check_need(path, "foveate", *said.size_px)
-    geometry = FlatGeometry(*said.size_px, said.distance_px, said.centre_px)
-    with lent_context() as ctx:
-        here = describe(ctx)
-        exactly = (here.name, here.version) == (log.start.renderer, log.start.driver)
-        say(f"drawn by {log.start.renderer} (OpenGL {log.start.driver}), again by {here}")
-        if source.startswith(BUILTIN):
-            read = draw_source(source, geometry, ctx)
-        else:
-            with frames_of(Path(source), None, say) as (folder, _):
-                read = read_source(
-                    folder, PictureReading(**log.start.reading.model_dump()), panorama=said.panorama
-                )
-        if read.sha256 != said.source_sha256:
-            raise StudyError(
-                f"{source}: must be the source of {path}, {log.start.source!r} (its pixels are"
-                " others)"
-            )
-        choice = Choice(said.method, said.parameters)
-        renderer = FoveatingRenderer(ctx, read, geometry, choice)
-        try:
-
-            def renderer_of(line: LiveChoice) -> FoveatingRenderer:
-                wanted = Choice(line.described.method, line.described.parameters)
-                if wanted != renderer.choice:
-                    renderer.choose(wanted)
-                return renderer
-
-            found = redraw(log, renderer_of, exactly=exactly)
-        finally:
-            renderer.release()
+    found = _redrawn(source, path, log, first.described)
     say(
         f"{found.flips} flips, {found.drawn} drawn again: {found.equal} bit-equal"
-        + ("" if exactly else "; another renderer: within 1 of 255 is right")
+        + ("" if found.exactly else "; another renderer: within 1 of 255 is right")
     )
     if found.problems:
         raise StudyError(f"{path}: " + "\n".join(found.problems))
     if found.flips and not found.drawn:
         raise StudyError(f"{path}: must hold frames to draw again (none was kept)")
+
+
+def _redrawn(source: str, path: Path, log: ReadLog, said: RendererDescription) -> RedrawResult:
+    """Draw the flips of a log again, whose first choice says what was shown."""
+    from pipeline.foveation.geometry import FlatGeometry
+    from pipeline.gl.context import describe, lent_context
+    from pipeline.named_classes import Choice
+    from pipeline.pictures.colour_file import PictureReading
+    from pipeline.pictures.size_limits import check_need
+    from study_app.cli.pictures.live_renderer import FoveatingRenderer, draw_source
+    from study_app.live.redraw import redraw
+
+    check_need(path, "foveate", *said.size_px)
+    geometry = FlatGeometry(*said.size_px, said.distance_px, said.centre_px)
+    reading = PictureReading(**log.start.reading.model_dump())
+    with lent_context() as ctx:
+        here = describe(ctx)
+        exactly = (here.name, here.version) == (log.start.renderer, log.start.driver)
+        say(f"drawn by {log.start.renderer} (OpenGL {log.start.driver}), again by {here}")
+        read = _read(source, reading, said.panorama)[0] or draw_source(source, geometry, ctx)
+        if read.sha256 != said.source_sha256:
+            raise StudyError(
+                f"{source}: must be the source of {path}, {log.start.source!r} (its pixels are"
+                " others)"
+            )
+        renderer = FoveatingRenderer(ctx, read, geometry, Choice(said.method, said.parameters))
+
+        def renderer_of(line: LiveChoice) -> FoveatingRenderer:
+            wanted = Choice(line.described.method, line.described.parameters)
+            if wanted != renderer.choice:
+                renderer.choose(wanted)
+            return renderer
+
+        try:
+            return redraw(log, renderer_of, exactly=exactly)
+        finally:
+            renderer.release()

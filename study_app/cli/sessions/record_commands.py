@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -93,6 +93,21 @@ def watch(
         return
 
 
+@dataclass(frozen=True)
+class RedrawOptions:
+    """Frames that followed the gaze, to be drawn again."""
+
+    render: bool = False
+    """Draw frames that followed the gaze again, and compare them with what was kept. Needs
+    --protocol and --stimuli."""
+    stimuli: Path | None = None
+    """With --render: folder of the study's built stimuli."""
+    display: DisplayOption = None
+    captured: Path | None = None
+    """With --render: folder of captures of the whole screen (.png), of the last run of a session
+    with --strip."""
+
+
 def verify(
     sessions: Annotated[
         Path,
@@ -104,24 +119,8 @@ def verify(
         Path | None,
         typer.Option(help=SESSIONS_PROTOCOL_HELP + " Compares every trial with the plan."),
     ] = None,
-    render: Annotated[
-        bool,
-        typer.Option(
-            help="Draw frames that followed the gaze again, and compare them with what was kept."
-            " Needs --protocol and --stimuli."
-        ),
-    ] = False,
-    stimuli: Annotated[
-        Path | None, typer.Option(help="With --render: folder of the study's built stimuli.")
-    ] = None,
-    display: DisplayOption = None,
-    captured: Annotated[
-        Path | None,
-        typer.Option(
-            help="With --render: folder of captures of the whole screen (.png), of the last run of"
-            " a session with --strip."
-        ),
-    ] = None,
+    *,
+    again: RedrawOptions,
 ) -> None:
     """Verify that all records are as they were written: journals, gaze, flips, display reports.
 
@@ -138,10 +137,10 @@ def verify(
 
         metamerlab session verify sessions --protocol live-detection --render --stimuli clips
     """
-    if not render and (stimuli or display or captured):
+    if not again.render and again != RedrawOptions():
         raise StudyError("--stimuli, --display and --captured are for --render; add it")
     if is_archive(sessions):
-        if protocol is not None or render:
+        if protocol is not None or again.render:
             raise StudyError(
                 "--protocol and --render: must be left out: an archive has its own protocol; to"
                 " draw frames again, unpack it and name the folder of sessions"
@@ -155,22 +154,14 @@ def verify(
             f"{sessions}: must hold at least one session (found no {JOURNAL_NAME} in it)"
         )
     with ExitStack() as open_now:
-        drawer, screens = None, {}
-        if render:
-            from study_app.cli.sessions.drawn_again import open_drawer, read_captures
-
-            if protocol is None or stimuli is None:
-                raise StudyError("--render: needs the study and its stimuli; give --protocol and"
-                                 " --stimuli")  # fmt: skip
-            drawer = open_now.enter_context(open_drawer(protocol, display, stimuli))
-            screens = read_captures(captured) if captured is not None else {}
-            if screens and len(paths) > 1:
-                raise StudyError("--captured: is of one session; name its folder")
+        drawer, screens = _drawer(again, protocol, open_now)
+        if screens and len(paths) > 1:
+            raise StudyError("--captured: is of one session; name its folder")
         done = [_verified(path, study, drawer, screens) for path in paths]
     wrong = sum(not whole for whole, _ in done)
-    again = [one for _, one in done if one is not None]
-    kept = any(one.drawn or one.captures for one in again)
-    if render and not wrong and not kept and any(one.flips for one in again):
+    redrawn = [one for _, one in done if one is not None]
+    kept = any(one.drawn or one.captures for one in redrawn)
+    if again.render and not wrong and not kept and any(one.flips for one in redrawn):
         raise StudyError(
             f"{sessions}: must hold frames to draw again (none was kept: nothing followed the"
             " gaze in a window)"
@@ -180,6 +171,20 @@ def verify(
             f"{sessions}: {wrong} of {count_of(len(paths), 'session')} must be restored from a"
             " copy; nothing was changed"
         )
+
+
+def _drawer(
+    asked: RedrawOptions, protocol: Path | None, open_now: ExitStack
+) -> tuple[TrialDrawer | None, Screens]:
+    """Open what draws frames again, and read the captures, where that is asked for."""
+    if not asked.render:
+        return None, {}
+    from study_app.cli.sessions.drawn_again import open_drawer, read_captures
+
+    if protocol is None or asked.stimuli is None:
+        raise StudyError("--render: needs the study and its stimuli; give --protocol and --stimuli")
+    drawer = open_now.enter_context(open_drawer(protocol, asked.display, asked.stimuli))
+    return drawer, read_captures(asked.captured) if asked.captured is not None else {}
 
 
 def _verified(

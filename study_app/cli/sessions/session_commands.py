@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import gc
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,6 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from protocols.errors import StudyError, count_of, must_be_one_of
-from protocols.feasibility import virtual_manifest
 from protocols.journal import Attempt, Remote, SessionEnd, SessionStart
 from protocols.latency import LatencySummary
 from protocols.load import load_study
@@ -178,24 +176,8 @@ def simulate(
         doubled_per_flip=desk.doubled_per_1000 / 1000,
         manifest=read_manifest(stimuli) if stimuli else None,
     )
-    plan = make_plan(
-        study,
-        simulation.manifest or virtual_manifest(study, simulation.display),
-        "S001",
-        0,
-    )
-    columns = (Description(), BarColumn(), MofNCompleteColumn())
-    terminal = PlainConsole(stderr=True)
-    with (
-        going_on(),
-        Progress(
-            *columns,
-            TimeRemainingColumn(),
-            console=terminal,
-            transient=True,
-            disable=not terminal.is_terminal,
-        ) as progress,
-    ):
+    plan = make_plan(study, simulation.shown, "S001", 0)
+    with going_on(), _trials_done() as progress:
         task = progress.add_task("trials", total=crowd.participants * len(plan.trials))
 
         def on_attempt(code: str, attempt: Attempt) -> None:
@@ -214,6 +196,15 @@ def simulate(
     require_decisions(
         session for session in find_sessions(out, study.study.name) if session.participant in codes
     )
+
+
+def _trials_done() -> Progress:
+    """Return the bar of a simulation, with the time that is left."""
+    terminal = PlainConsole(stderr=True)
+    return Progress(
+        Description(), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+        console=terminal, transient=True, disable=not terminal.is_terminal,
+    )  # fmt: skip
 
 
 @app.command("list")
@@ -356,13 +347,8 @@ def _details(session: SessionFolder) -> list[tuple[str, str]]:
             *_browser(start.remote),
             ("decisions", f"{session.main_done} of {start.trials}"),
         ]
-    voids = Counter(attempt.void_reason for attempt in attempts if attempt.void_reason)
-    reasons = ", ".join(f"{count} {reason}" for reason, count in voids.most_common())
-    details.append(("attempts", f"{len(attempts)}, void: {reasons or 'none'}"))
     now = standing(journal.events)
-    details.append(("missed refreshes", f"{now.missed} of {now.shown}"))
-    if now.lost_share is not None:
-        details.append(("gaze lost", f"{100 * now.lost_share:.1f} % of the watched time"))
+    details += now.rows(" of the watched time")
     if told := _latency(session):
         details.append(("sample to flip", told))
     last = journal.events[-1] if journal.events else None
