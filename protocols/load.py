@@ -114,20 +114,20 @@ def protocol_of(raw: dict[str, object], path: Path, *, recorded: bool = False) -
         raw = _with_tables(raw, path.parent)
         problems += control_characters(raw)
     if problems:
-        raise _study_error(path, problems)
+        raise study_error(path, problems)
     raw, said = without_gone(raw)
     refused = [] if recorded else [Problem(place, f"{gone(place)}. Delete it") for place in said]
     try:
         study = StudyProtocol.model_validate(raw)
         if refused:
-            raise _study_error(path, refused)
+            raise study_error(path, refused)
         return study.with_gone(said) if said else study
     except ValidationError as error:
         problems = [*refused, *_one_kind(raw, problems_of(error, raw, StudyProtocol))]
         for problem in problems_between(_valid_sections(raw)):
             if problem not in problems:
                 problems.append(problem)
-        raise _study_error(path, problems) from None
+        raise study_error(path, problems) from None
 
 
 def _one_kind(raw: dict[str, object], problems: list[Problem]) -> list[Problem]:
@@ -208,7 +208,7 @@ def load_toml(path: Path, model: type[M]) -> M:
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        raise _study_error(path, problems_of(error, raw, model)) from None
+        raise study_error(path, problems_of(error, raw, model)) from None
 
 
 def parse_view(text: str) -> CameraView:
@@ -223,7 +223,7 @@ def parse_view(text: str) -> CameraView:
         return CameraView.model_validate(raw["view"])
     except ValidationError as error:
         told = raw["view"] if isinstance(raw["view"], dict) else {}
-        raise _study_error(Path("--view"), problems_of(error, told, CameraView)) from None
+        raise study_error(Path("--view"), problems_of(error, told, CameraView)) from None
 
 
 def shipped(folder: str) -> dict[str, Path]:
@@ -273,5 +273,6 @@ def _valid_sections(raw: dict[str, object]) -> dict[str, object]:
     return valid
 
 
-def _study_error(path: Path, problems: list[Problem]) -> StudyError:
+def study_error(path: Path, problems: list[Problem]) -> StudyError:
+    """Return the error of a file with a line for each mistake."""
     return StudyError("\n".join(f"{path}: {problem}" for problem in problems))

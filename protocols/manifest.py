@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError, model_validator
 from protocols.disk.hashing import Json, canonical_json, sha256_bytes, sha256_json
 from protocols.disk.whole_file import decode_utf8, read_bytes, write_whole
 from protocols.errors import StudyError, refuse_format_1
-from protocols.load import control_characters
+from protocols.load import control_characters, study_error
 from protocols.outside import parsed_json
 from protocols.study_file.problems import problems_of
 from protocols.study_file.schema import StudyProtocol
@@ -183,14 +183,13 @@ def read_manifest(folder: Path) -> Manifest:
     decode_utf8(data, path)  # it names the line of what is no UTF-8
     raw = parsed_json(path, data, "the manifest of a build", StudyError, "build again")
     if found := list(control_characters(raw)):
-        raise StudyError("\n".join(f"{path}: {problem}" for problem in found))
+        raise study_error(path, found)
     if isinstance(raw, dict):
         refuse_format_1(path, raw, "show the clips there, or build them again into another folder")
     try:
         return Manifest.model_validate_json(json.dumps(raw))
     except ValidationError as error:
-        problems = problems_of(error, raw, Manifest)
-        raise StudyError("\n".join(f"{path}: {problem}" for problem in problems)) from None
+        raise study_error(path, problems_of(error, raw, Manifest)) from None
 
 
 def _without_manifest(folder: Path) -> StudyError:

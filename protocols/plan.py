@@ -365,11 +365,11 @@ def _practice_trials(study: StudyProtocol, place: int, chance: Chance) -> list[P
     if not cells:
         raise StudyError("design.practice: must have a scene with the stimuli that the task needs")
     check_trials(practice.trials * practice.rounds)
-    trials = []
-    for number in range(practice.trials * practice.rounds):
-        repeat, index = divmod(number, len(cells))
-        trials.append(_trial(study, "practice", number, cells[index], repeat, repeat + place))
-    return trials
+    turns = (divmod(number, len(cells)) for number in range(practice.trials * practice.rounds))
+    return [
+        _trial(study, "practice", number, cells[index], repeat, repeat + place)
+        for number, (repeat, index) in enumerate(turns)
+    ]
 
 
 def _catch_trials(

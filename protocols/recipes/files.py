@@ -206,27 +206,25 @@ def read_table(path: Path) -> list[dict[str, object]]:
     for column in columns:
         _check_name(column, f"{path}: line 1: every column's name")
     seen: dict[tuple[str, str], int] = {}
+    texts: list[dict[str, str]] = []
     for number, row in enumerate(rows, start=_FIRST_LINE):
         _check_row(path, number, row, header)
-        for column in COLUMNS:
-            key = column, str(row[column]).strip()
+        texts.append({column: str(row[column]).strip() for column in header})
+        for key in ((column, texts[-1][column]) for column in COLUMNS):
             if key in seen:
                 raise StudyError(
-                    f"{path}: line {number}: every {column} must be given once (got {key[1]!r},"
+                    f"{path}: line {number}: every {key[0]} must be given once (got {key[1]!r},"
                     f" which line {seen[key]} has)"
                 )
             seen[key] = number
-    numbers = {column: _numbers([str(row[column]).strip() for row in rows]) for column in columns}
+    values = {column: _numbers([row[column] for row in texts]) for column in columns}
     return [
         {
-            "name": str(row["stimulus"]).strip(),
-            "file": str(row["file"]).strip(),
-            "condition": {
-                column: str(row[column]).strip() if (known := numbers[column]) is None else known[i]
-                for column in columns
-            },
+            "name": row["stimulus"],
+            "file": row["file"],
+            "condition": {column: values[column][place] for column in columns},
         }
-        for i, row in enumerate(rows)
+        for place, row in enumerate(texts)
     ]
 
 
@@ -257,13 +255,13 @@ def _check_name(name: str, what: str) -> None:
         ) from None
 
 
-def _numbers(values: list[str]) -> list[Scalar] | None:
-    """Return the values as numbers, or None where one is none."""
+def _numbers(values: list[str]) -> Sequence[Scalar]:
+    """Return the values as numbers, or as they are where one is none."""
     for read in (int, float):
         try:
             found: list[float] = [read(value) for value in values]
         except ValueError:
             continue
         if all(abs(value) < 1e300 for value in found):
-            return list(found)
-    return None
+            return found
+    return values

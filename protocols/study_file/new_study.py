@@ -17,6 +17,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_origin
 
@@ -341,11 +342,7 @@ def _owner(model: type[BaseModel], key: str) -> type[BaseModel]:
 
 
 def _kind(lines: list[str]) -> str:
-    section = []
-    for line in lines:
-        if _HEADER.match(line):
-            break
-        section.append(line)
+    section = takewhile(lambda line: not _HEADER.match(line), lines)
     found = re.search(r'^(#\? )?(kind|rule) = "(.+)"$', "\n".join(section), flags=re.M)
     return found[3] if found else ""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from protocols.blocks import Block, Section, TableBlock, html_page
+from protocols.blocks import Block, Section, TableBlock
 from protocols.browser.web_study import rates_of
 from protocols.disk.hashing import sha256_json
 from protocols.display import Display
@@ -96,11 +96,6 @@ def to_markdown(title: str, sections: list[Section]) -> str:
                 lines.append(markdown(block))
             lines.append("")
     return "\n".join(lines)
-
-
-def to_html(title: str, sections: list[Section]) -> str:
-    """Return the sections as one self-contained HTML page."""
-    return html_page(title, sections=sections)
 
 
 def _overview(study: StudyProtocol) -> Section:

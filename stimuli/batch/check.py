@@ -193,6 +193,17 @@ class ClipFault:
         return self.flicker_ratio is not None and self.flicker_ratio > FLICKERS
 
 
+def is_true_view(clip: Clip) -> bool:
+    """True if a clip shows what others are compared with."""
+    return clip.parameters.get("method") == "reference"
+
+
+def true_views(manifest: Manifest) -> dict[tuple[str, str], Clip]:
+    """Return the clips of the true views, by scene and size."""
+    shown = filter(is_true_view, manifest.clips)
+    return {(clip.column("scene"), clip.column("size")): clip for clip in shown}
+
+
 def probe_batch(
     out: Path,
     names: Sequence[str] | None = None,
@@ -211,11 +222,7 @@ def probe_batch(
         if name not in clips:
             raise StudyError(f"{out}: must hold a clip {name!r}{did_you_mean(name, list(clips))}")
     wanted = [clips[name] for name in names or clips]
-    references = {
-        (clip.column("scene"), clip.column("size")): clip
-        for clip in manifest.clips
-        if clip.parameters.get("method") == "reference"
-    }
+    references = true_views(manifest)
     findings = []
     for done, clip in enumerate(wanted, start=1):
         truth = references.get((clip.column("scene"), clip.column("size")))

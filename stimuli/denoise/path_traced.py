@@ -24,7 +24,7 @@ from pipeline.camera import Camera
 from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.denoising.maps import Sampling
 from pipeline.errors import InputError, MissingExtraError
-from stimuli.rendering.world import Light, MeshPart, Viewpoint, World
+from stimuli.rendering.world import Light, MeshPart, Viewpoint, World, vector
 from stimuli.scenes.builtin_scenes import scene_entry
 
 _Described: TypeAlias = dict[str, Any]
@@ -220,7 +220,7 @@ class SceneView:
         )
         position = pose[:3, 3]
         there = position + away_m * forward
-        return Viewpoint(_vector(position), _vector(there), WIDTH_DEG).camera(edge_px, edge_px)
+        return Viewpoint(vector(position), vector(there), WIDTH_DEG).camera(edge_px, edge_px)
 
 
 @dataclass(frozen=True)
@@ -273,8 +273,3 @@ def render_pair(
         renders.append(tracer.shown(total / wanted))
     clean = tracer.shown(tracer.render(camera, rendering.clean_samples, int(seeds[-1])))
     return np.stack(renders), clean
-
-
-def _vector(values: NDArray[np.floating]) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z

@@ -77,7 +77,7 @@ def frames_in(folder: Path) -> list[Path]:
     InputError
         If there is none, or one that is known and cannot be read.
     """
-    files = sorted(folder.iterdir())
+    files = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     unread = [path for path in files if path.suffix.lower() in _UNREAD]
     if unread:
         raise InputError(

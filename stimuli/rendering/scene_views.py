@@ -17,7 +17,7 @@ from protocols.recipes.warped_clips import CameraView
 from stimuli.rendering.open_scene import vector_text, view_line, viewpoint_of
 from stimuli.rendering.render import WorldRenderer
 from stimuli.rendering.view_page import LookServer
-from stimuli.rendering.world import Vector, Viewpoint, World
+from stimuli.rendering.world import Vector, Viewpoint, World, vector
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.mesh_file import load_world
 
@@ -224,14 +224,14 @@ def _views(world: World) -> Iterator[Viewpoint]:
         place = ground[rng.integers(len(ground))] + np.array([0.0, eye, 0.0])
         turn = 2 * np.pi * index / 16
         ahead = np.array([np.sin(turn), -0.05, np.cos(turn)]) * 0.3 * radius
-        yield Viewpoint(_vector(place), _vector(place + ahead), FIELD_DEG)
+        yield Viewpoint(vector(place), vector(place + ahead), FIELD_DEG)
 
 
 def _ring(centre: np.ndarray, distance_m: float) -> Iterator[Viewpoint]:
     for index in range(TRIED // 4):
         turn, lift = 2 * np.pi * index / (TRIED // 4), (0.12, 0.45)[index % 2]
         way = np.array([np.sin(turn), lift, np.cos(turn)])
-        yield Viewpoint(_vector(centre + distance_m * way), _vector(centre), FIELD_DEG)
+        yield Viewpoint(vector(centre + distance_m * way), vector(centre), FIELD_DEG)
 
 
 def _detail(world: World) -> tuple[np.ndarray, float]:
@@ -272,7 +272,3 @@ def _interest(renderer: WorldRenderer, view: Viewpoint) -> float:
     if near < LEAST_NEAR * float(np.linalg.norm(high - low)) / 2:
         score *= 0.2
     return score
-
-
-def _vector(values: np.ndarray) -> Vector:
-    return float(values[0]), float(values[1]), float(values[2])

@@ -19,6 +19,12 @@ from pipeline.errors import InputError
 Vector = tuple[float, float, float]
 
 
+def vector(values: NDArray[np.floating]) -> Vector:
+    """Return three numbers of an array."""
+    x, y, z = map(float, values)
+    return x, y, z
+
+
 @dataclass(frozen=True, eq=False)
 class Material:
     """A texture and how light meets it.

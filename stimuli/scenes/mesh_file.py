@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from protocols.limits import LIMITS_VARIABLE, limit
 from protocols.outside import reading
-from stimuli.rendering.world import Light, Material, Mesh, MeshPart, Vector, Viewpoint, World
+from stimuli.rendering.world import (
+    Light,
+    Material,
+    Mesh,
+    MeshPart,
+    Vector,
+    Viewpoint,
+    World,
+    vector,
+)
 from stimuli.scenes.gltf import Document
 from stimuli.scenes.mesh_features import UNKNOWN, Notes, check_gltf
 from stimuli.scenes.mesh_inputs import check_lists, document, files_of, other_chunks
@@ -163,7 +172,4 @@ def _outside(parts: list[MeshPart]) -> Viewpoint:
     high = np.max([part.mesh.position_m.max(axis=0) for part in parts], axis=0).astype(float)
     centre, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
     place = centre + radius * np.array([0.9, 0.7, 1.6])
-    return Viewpoint(
-        (float(place[0]), float(place[1]), float(place[2])),
-        (float(centre[0]), float(centre[1]), float(centre[2])),
-    )
+    return Viewpoint(vector(place), vector(centre))

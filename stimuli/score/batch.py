@@ -12,10 +12,10 @@ from protocols.manifest import Clip, read_manifest
 from protocols.outside import visible
 from protocols.recipes.warped_clips import ClipName
 from stimuli.batch.build import HOLES_FOLDER, survey_name
+from stimuli.batch.check import is_true_view, true_views
+from stimuli.media.frames_folder import frames_in
 from stimuli.score.metrics import HOLES, Metric
 from stimuli.score.pair import ScoredPair, read_colour
-
-_PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
 
 @dataclass(frozen=True)
@@ -83,14 +83,10 @@ def subjects_of_batch(folder: Path) -> Subjects:
             f"{folder}: a batch is scored in the holes of warped clips (these were made from"
             " files); give two clips or pictures: metamerlab stimuli score TEST REFERENCE"
         )
-    references = {
-        (clip.column("scene"), clip.column("size")): clip
-        for clip in manifest.clips
-        if _is_reference(clip)
-    }
+    references = true_views(manifest)
     items, without = [], set()
     for clip in manifest.clips:
-        if _is_reference(clip):
+        if is_true_view(clip):
             continue
         truth = references.get((clip.column("scene"), clip.column("size")))
         if truth is None:
@@ -158,25 +154,10 @@ def subjects_of_two(test: Path, truth: Path, mask: Path | None, fps: float) -> S
 
 
 def scored_frames(folder: Path) -> tuple[Path, ...]:
-    """Return the pictures of a folder, by name.
-
-    Raises
-    ------
-    StudyError
-        If there is none.
-    """
-    found = sorted(
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in _PICTURES and not path.name.startswith(".")
-    )
-    names = {path.suffix for path in found}
-    if ".png" in names and ".exr" in names:  # a batch with `exr` keeps both of every frame
+    """Return the frames of a folder; a batch with `exr` keeps both of each, and PNG counts."""
+    found = frames_in(folder)
+    if {".png", ".exr"} <= {path.suffix for path in found}:
         found = [path for path in found if path.suffix == ".png"]
-    if not found:
-        raise StudyError(
-            f"{folder}: must be a folder of frames, such as 000000.png (it holds no picture)"
-        )
     return tuple(found)
 
 
@@ -270,7 +251,3 @@ def _size(path: Path) -> tuple[int, int]:
         raise InputError(f"{path}: must be a whole PNG file (it is damaged or cut short)")
     height, width = read_colour(path).shape[:2]
     return width, height
-
-
-def _is_reference(clip: Clip) -> bool:
-    return clip.parameters.get("method") == "reference"

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from protocols.blocks import html_page
 from protocols.disk.whole_file import decode_utf8, read_bytes, write_new
 from protocols.display import Display
 from protocols.errors import StudyError, count_of, must_be_one_of
@@ -27,7 +28,7 @@ from protocols.outside import parsed_json
 from protocols.plan import Plan, make_plan
 from protocols.revision import code_revision, package_version
 from protocols.study_file.plausible import display_notes, study_notes
-from protocols.study_file.preregister import preregistration, to_html, to_markdown
+from protocols.study_file.preregister import preregistration, to_markdown
 from protocols.study_file.schema import StudyProtocol
 from study_app.cli.new_study_command import slug, study_name
 from study_app.cli.option_groups import CommandGroup
@@ -330,7 +331,8 @@ def preregister(
         return
     if out.suffix not in (".md", ".html"):
         raise StudyError(f"--out: must end in .md or .html (got {out})")
-    text = (to_html if out.suffix == ".html" else to_markdown)(title, sections)
+    html = out.suffix == ".html"
+    text = html_page(title, sections=sections) if html else to_markdown(title, sections)
     _write_new(out, text, "a preregistration is made once. Choose a new name")
     say(out)
 

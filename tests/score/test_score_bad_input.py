@@ -85,7 +85,7 @@ def test_a_clip_beside_a_picture(two, run_score):
 def test_a_folder_without_frames(two, run_score, tmp_path):
     (tmp_path / "empty").mkdir()
 
-    refused(run_score(two[0], tmp_path / "empty", status=None), "it holds no picture")
+    refused(run_score(two[0], tmp_path / "empty", status=None), "must hold frames")
 
 
 def test_a_damaged_frame(two, run_score):
