@@ -6,21 +6,17 @@ with these numbers (questplus, SweetSpot, psychopy, and `asap_cpu` of ASAP's aut
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import entr, ndtr, ndtri
-from scipy.stats import spearmanr
+from scipy.special import entr, ndtri
 from up_down_rules import performance, transformed, weighted
 
-from protocols.adaptive import active_pairs, quest_plus, up_down
 from protocols.adaptive.answer_history import History
 from protocols.adaptive.psychometric_function import probability, slope_of
-from protocols.adaptive.quest_plus import PARAMETERS, Axis, Grid, posterior
+from protocols.adaptive.quest_plus import PARAMETERS, Grid, posterior
 from protocols.adaptive.up_down import UpDown, track
-from protocols.disk.hashing import Chance
 from protocols.errors import StudyError
 
 Floats = NDArray[np.float64]
@@ -210,44 +206,6 @@ def recovery(truth: Floats, ours: Run) -> Recovery:
     )
 
 
-def quest_grid(*, yes_no: bool) -> Grid:
-    """Return the grid of the benchmark: nothing of the observers lies on it."""
-    return Grid(
-        levels=LEVELS,
-        threshold=Axis(tuple(float(value) for value in np.linspace(2.0, 18.0, 41))),
-        width=Axis((2.0, 3.5, 5.5, 8.0, 12.0)),
-        guess=Axis((0.02, 0.08, 0.15, 0.25)) if yes_no else Axis((0.5,)),
-        lapse=Axis((0.0, 0.02, 0.05)),
-    )
-
-
-def run_quest(people: Observers, grid: Grid) -> Run:
-    """Run our QUEST+ and return posterior means of the threshold."""
-    found, shown = [], []
-    for observer in range(len(people.threshold)):
-        history: list[tuple[float, bool]] = []
-        for trial in range(people.uniform.shape[1]):
-            level = quest_plus.next_level(history, grid)
-            history.append((level, people.answers(observer, trial, level)))
-        found.append(of_posterior(history, grid).threshold.mean)
-        shown.append([level for level, _ in history])
-    return Run(np.array(found), np.array(shown))
-
-
-def run_up_down(people: Observers, settings: UpDown) -> Run:
-    """Run our up-down track and return the mean level of its reversals."""
-    found, shown = [], []
-    for observer in range(len(people.threshold)):
-        history: list[tuple[float, bool]] = []
-        for trial in range(people.uniform.shape[1]):
-            level = up_down.next_level(history, settings)
-            history.append((level, people.answers(observer, trial, level)))
-        level_found = of_reversals(history, settings).level
-        found.append(np.nan if level_found is None else level_found)
-        shown.append([level for level, _ in history])
-    return Run(np.array(found), np.array(shown))
-
-
 def up_down_rules() -> dict[str, UpDown]:
     """Return the tracks of the benchmark; 17 is easy for every observer."""
     return {
@@ -256,76 +214,3 @@ def up_down_rules() -> dict[str, UpDown]:
         "2 in a row": transformed(LEVELS, start=17.0, in_a_row=2, steps=(2.0, 1.0)),
         "3 in a row": transformed(LEVELS, start=17.0, in_a_row=3, steps=(2.0, 1.0)),
     }
-
-
-@dataclass(frozen=True)
-class PairRecovery:
-    """Recovery of scores after 10 and 15 batches of n - 1 comparisons.
-
-    Root mean square error in JOD and rank correlation, both of the posterior mean under the
-    prior that the scores were drawn with, whoever chose the pairs.
-    """
-
-    rmse_10: float
-    rmse_15: float
-    rank_15: float
-
-
-Chooser = Callable[[NDArray[np.int64], int], list[tuple[int, int]]]
-
-
-def pair_recoveries(
-    studies: int, range_jod: float, conditions: int = 10
-) -> dict[str, PairRecovery]:
-    """Choose pairs by expected gain, and at random."""
-    makers: dict[str, Callable[[int], Chooser]] = {
-        "ours": _choose_active,
-        "chance": lambda seed: _choose_random(seed, conditions),
-    }
-    return {
-        name: PairRecovery(
-            *np.mean(
-                [
-                    _pair_study(make(study), study, conditions, range_jod)
-                    for study in range(studies)
-                ],
-                axis=0,
-            )
-        )
-        for name, make in makers.items()
-    }
-
-
-def _pair_study(
-    choose: Chooser, seed: int, conditions: int, range_jod: float
-) -> tuple[float, float, float]:
-    rng = np.random.default_rng((23, seed))
-    truth = rng.uniform(0.0, range_jod, conditions)
-    truth -= truth.mean()
-    # The k-th comparison of a pair meets the same number, whoever asks for it and when.
-    uniform = rng.random((conditions, conditions, 15 * conditions))
-    wins = np.zeros((conditions, conditions), dtype=np.int64)
-    rmse: list[float] = []
-    for batch in range(15):
-        for i, j in choose(wins, batch):
-            share = ndtr((truth[i] - truth[j]) / active_pairs.JOD_SIGMA)
-            first = uniform[i, j, wins[i, j] + wins[j, i]] < share
-            wins[(i, j) if first else (j, i)] += 1
-        if batch in (9, 14):
-            mean = active_pairs.score_posterior(wins, prior_sd_jod=range_jod / np.sqrt(12.0)).mean
-            rmse.append(float(np.sqrt(np.mean((mean - truth) ** 2))))
-    return rmse[0], rmse[1], float(spearmanr(mean, truth).statistic)
-
-
-def _choose_active(seed: int) -> Chooser:
-    return lambda wins, batch: list(active_pairs.next_batch(wins, Chance(seed, batch)))
-
-
-def _choose_random(seed: int, conditions: int) -> Chooser:
-    pairs = np.transpose(np.triu_indices(conditions, k=1))
-
-    def choose(wins: NDArray[np.int64], batch: int) -> list[tuple[int, int]]:  # noqa: ARG001
-        rng = np.random.default_rng((24, seed, batch))
-        return [(int(i), int(j)) for i, j in rng.permutation(pairs)[: conditions - 1]]
-
-    return choose
