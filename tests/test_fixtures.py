@@ -80,8 +80,7 @@ def test_by_default_long_proofs_run_a_tenth_and_slow_tests_not_at_all(run_pytest
 
 
 @pytest.mark.parametrize(
-    "words",
-    [("--slow",), ("test_made_up.py",), ("-n", "1", "test_made_up.py")],
+    "words", [("--slow",), ("test_made_up.py",), ("-n", "1", "test_made_up.py")]
 )
 def test_slow_tests_run_where_they_are_asked_for_or_named(run_pytest, words):
     _, output = run_pytest(PROOFS, *words)

@@ -218,10 +218,7 @@ def test_a_single_known_pixel_fills_the_whole_frame():
 # --- statistics of a stationary texture -----------------------------------------------------
 
 
-SCENES = {
-    "56 by 80 px": Scene(192, 40, 56),
-    "a crescent of 36 by 112 px": Scene(192, 56, 36),
-}
+SCENES = {"56 by 80 px": Scene(192, 40, 56), "a crescent of 36 by 112 px": Scene(192, 56, 36)}
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -618,9 +618,7 @@ def test_a_seed_too_long_is_refused(exr, tmp_path, name):
 
 @pytest.mark.usefixtures("gl_context")
 @pytest.mark.parametrize(
-    "cut",
-    [np.s_[:1, :1], np.s_[12:13, :], np.s_[:, 24:25]],
-    ids=["pixel", "row", "column"],
+    "cut", [np.s_[:1, :1], np.s_[12:13, :], np.s_[:, 24:25]], ids=["pixel", "row", "column"]
 )
 @pytest.mark.parametrize("name", ["metameric", "push-pull-depth", "push-pull", *CPU_METHODS])
 def test_frames_of_one_pixel_and_one_line_are_filled(tmp_path, frame, name, cut):

@@ -33,9 +33,7 @@ def test_a_labs_fill_method_fills_the_clips_of_a_study(
 ):
     study, misspelt = lab_study
     done = with_packages(
-        lab_site,
-        ("stimuli", "build", study, "--out", "clips"),
-        ("protocol", "check", misspelt),
+        lab_site, ("stimuli", "build", study, "--out", "clips"), ("protocol", "check", misspelt)
     )
 
     assert done.returncode == 2, done.stderr

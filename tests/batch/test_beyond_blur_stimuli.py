@@ -27,9 +27,7 @@ def small(name: str, **more: object) -> StillsPlan:
     shrunk = recipe.width_px / WIDE
     changed = {"width_px": WIDE, "height_px": TALL, **more}
     return StillsPlan(
-        recipe.model_copy(update=changed),
-        display.distance_mm / display.pitch_x_mm / shrunk,
-        Path(),
+        recipe.model_copy(update=changed), display.distance_mm / display.pitch_x_mm / shrunk, Path()
     )
 
 

@@ -119,10 +119,7 @@ def test_frames_of_another_scene_are_refused_by_the_build(study, read_plan, inli
     [
         ("frames:filled/box/small", "must hold {scene}, for box and motorcycle"),
         ("frames:filled/{shot}/{size}", "may hold {scene}, {size} and, in"),
-        (
-            "frames:filled/{frame}/{scene}",
-            "may hold {scene}, {size} and, in",
-        ),
+        ("frames:filled/{frame}/{scene}", "may hold {scene}, {size} and, in"),
     ],
 )
 def test_a_path_that_cannot_name_the_frames_of_every_clip_is_refused(study, method, said):

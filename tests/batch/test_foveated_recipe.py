@@ -559,15 +559,7 @@ def test_the_commands_build_show_and_simulate_the_study(folder, study):
 @pytest.mark.slow
 def test_the_stills_of_a_study_are_scored_around_their_gaze(tmp_path, whole):
     out = tmp_path / "scores"
-    words = (
-        "stimuli",
-        "score",
-        whole,
-        "--out",
-        out,
-        "--metrics",
-        "statistics,band-ratio",
-    )
+    words = ("stimuli", "score", whole, "--out", out, "--metrics", "statistics,band-ratio")
     with undrawn_scores():
         metamerlab(*words, catch_exceptions=False)
 

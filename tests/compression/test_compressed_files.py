@@ -265,14 +265,6 @@ def test_the_parts_of_a_file_are_written_as_pictures(tmp_path, png):
         np.testing.assert_array_equal(np.asarray(shown), np.rint(255 * decompress(held)))
 
     _, _, _ = run(
-        "compress",
-        png,
-        "--out",
-        file,
-        "--angles",
-        64,
-        "--no-statistics",
-        "--steps",
-        steps,
+        "compress", png, "--out", file, "--angles", 64, "--no-statistics", "--steps", steps
     )
     assert run("compress", png, "--out", file, "--steps", png, status=None)[0] == 2

@@ -28,8 +28,7 @@ NEEDS_TORCH = pytest.mark.skipif(
 )
 MADE_HERE = [
     pytest.param(
-        entry.name,
-        marks=(NEEDS_TORCH, pytest.mark.slow) if entry.name == "energy-metamer" else (),
+        entry.name, marks=(NEEDS_TORCH, pytest.mark.slow) if entry.name == "energy-metamer" else ()
     )
     for entry in CONDITIONS
     if not entry.takes_path

@@ -105,8 +105,7 @@ def test_a_gaze_beyond_a_pole_stays_at_the_pole():
 
 
 @pytest.mark.parametrize(
-    ("law", "degrees", "deviation"),
-    [("v1", 50, 5.3), ("v2", 50, 9.77), ("authors", 10, 0.1547)],
+    ("law", "degrees", "deviation"), [("v1", 50, 5.3), ("v2", 50, 9.77), ("authors", 10, 0.1547)]
 )
 def test_presets_have_the_published_widths(law, degrees, deviation):
     found = make_pooling(law, fovea_deg=0).sigma_deg(at(degrees))

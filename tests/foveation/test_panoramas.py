@@ -9,13 +9,7 @@ from pipeline.foveation.conditions import condition_names, foveate
 from pipeline.foveation.geometry import CapGeometry, Equirectangular, Flat, pixel_centres
 from pipeline.foveation.panorama import cap_look, cap_of, cap_picture, over_poles
 from pipeline.foveation.picture_fixation import PictureFixation
-from pipeline.foveation.sphere import (
-    BELT_DEG,
-    CAP_DEG,
-    cap_shares,
-    displaced_rays,
-    unit_noise,
-)
+from pipeline.foveation.sphere import BELT_DEG, CAP_DEG, cap_shares, displaced_rays, unit_noise
 from pipeline.foveation.view import flat_view
 from pipeline.noise.tile import Stream, key_of
 

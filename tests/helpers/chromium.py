@@ -71,11 +71,7 @@ class Chromium:
         return told["result"]
 
     def open(
-        self,
-        url: str,
-        *scripts: str,
-        size: tuple[int, int] | None = (1920, 400),
-        anew: bool = True,
+        self, url: str, *scripts: str, size: tuple[int, int] | None = (1920, 400), anew: bool = True
     ) -> None:
         """Open a page, whose scripts run before its own, in place of the one that is open.
 

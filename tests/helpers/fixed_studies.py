@@ -164,12 +164,7 @@ TABLES: Mapping[str, tuple[str, dict[str, Any], Callable[[], pd.DataFrame]]] = {
     "detection-plain": ("detection", {"signal": "inconsistent", "by": "method"}, _yes_no),
     "two-answers": (
         "identification",
-        {
-            "level": "level",
-            "falling": True,
-            "reaction": "models",
-            "alternatives": 2,
-        },
+        {"level": "level", "falling": True, "reaction": "models", "alternatives": 2},
         lambda: _levels(2),
     ),
     "four-answers": (

@@ -174,14 +174,7 @@ def sit(folder: Path, make, eye: Eye, clock: VirtualClock, *, validates=True, **
     check = Check(gaze, setup, stage, recorder, targets) if validates else None
     try:
         with recorder:
-            conduct(
-                setup,
-                plan,
-                recorder,
-                stage,
-                gaze,
-                gaze_check=check,
-            )
+            conduct(setup, plan, recorder, stage, gaze, gaze_check=check)
     finally:
         gaze.close()
     return Sat(read_journal(recorder.path), gaze, asked)

@@ -47,11 +47,7 @@ class Browser(Protocol):
     """A browser with one page: what `Chromium` is, and `Firefox`."""
 
     def open(
-        self,
-        url: str,
-        *scripts: str,
-        size: tuple[int, int] | None = ...,
-        anew: bool = ...,
+        self, url: str, *scripts: str, size: tuple[int, int] | None = ..., anew: bool = ...
     ) -> None:
         """Open a page, whose scripts run before its own."""
 
@@ -86,11 +82,7 @@ class Firefox:
         return told["answer"]
 
     def open(
-        self,
-        url: str,
-        *scripts: str,
-        size: tuple[int, int] | None = (1920, 400),
-        anew: bool = True,
+        self, url: str, *scripts: str, size: tuple[int, int] | None = (1920, 400), anew: bool = True
     ) -> None:
         self.ask("open", url=url, scripts=scripts, size=size, anew=anew)
 

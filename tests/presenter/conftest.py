@@ -354,11 +354,7 @@ class Screen:
         subprocess.run(["xdotool", "key", *names], env=self.env, check=True)
 
     def start(
-        self,
-        *arguments: object,
-        code: str = METAMERLAB,
-        hasty: bool = True,
-        folder: Path = Path(),
+        self, *arguments: object, code: str = METAMERLAB, hasty: bool = True, folder: Path = Path()
     ) -> Forked:
         """Start `metamerlab` on this screen, or other Python text.
 
@@ -399,12 +395,7 @@ class Screen:
         return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
     def watch(
-        self,
-        study: Study,
-        *more: object,
-        also: str = "",
-        code: str = "P01",
-        timeout_s: float = 240,
+        self, study: Study, *more: object, also: str = "", code: str = "P01", timeout_s: float = 240
     ) -> list[CapturedPicture]:
         """Let an artificial observer do a study while another process watches the screen.
 

@@ -85,11 +85,7 @@ main()
 
 @pytest.mark.slow
 def test_gaze_is_validated_before_a_block_and_a_window_too_small_is_refused(screen, make_study):
-    values = {
-        "pairings": '[["metameric", "push-pull"]]',
-        "repeats": "1",
-        "mode": '"monitor"',
-    }
+    values = {"pairings": '[["metameric", "push-pull"]]', "repeats": "1", "mode": '"monitor"'}
     study = make_study(values)
     screen.run(*screen.session("run", study, "--simulate"), code=QUICK)
     kinds = [event.kind for event in study.journal().events]

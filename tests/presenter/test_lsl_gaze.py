@@ -47,11 +47,7 @@ def side_rows(study, attempt, name):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "rate_hz",
-    [
-        pytest.param(60, marks=pytest.mark.full),
-        pytest.param(250, marks=pytest.mark.full),
-        1000,
-    ],
+    [pytest.param(60, marks=pytest.mark.full), pytest.param(250, marks=pytest.mark.full), 1000],
 )
 def test_decisions_fall_within_one_frame_and_one_sample_of_the_rule(
     screen, make_study, tmp_path, rate_hz
@@ -162,10 +158,7 @@ def test_phases_are_marked_at_the_stamps_of_their_flips(screen, make_study):
 
     listener = threading.Thread(target=listen)
     listener.start()
-    screen.run(
-        *screen.session("run", study, "--simulate", "--markers", code="P77"),
-        code=HEARD,
-    )
+    screen.run(*screen.session("run", study, "--simulate", "--markers", code="P77"), code=HEARD)
     stop.set()
     listener.join(timeout=10)
 

@@ -119,10 +119,7 @@ def test_each_page_is_seen_and_turned_and_gaze_by_mouse_decides(screen, study, w
         # Without gaze on the dot nothing begins; with it the attempt is decided.
         mouse = CENTRE
         screen.point(*CENTRE)
-        wait(
-            lambda: any(screen.shows(fixed[name], mouse) for name in asked),
-            "the answer screen",
-        )
+        wait(lambda: any(screen.shows(fixed[name], mouse) for name in asked), "the answer screen")
         leftmost = "first" if screen.shows(fixed["answer-first-second"], mouse) else "second"
         screen.keys("Left")
 
@@ -247,9 +244,7 @@ def test_what_was_assumed_of_a_recording_is_said_and_kept(screen, make_study, tm
     head = ["MSG\t0 GAZE_COORDS 0.00 0.00 640.00 480.00", "START\t0\tLEFT\tRIGHT\tSAMPLES"]
     tape.write_text("\n".join([*head, f"SAMPLES{both}", *rows, "END\t60000"]), encoding="ascii")
     done = screen.run(
-        *screen.session(
-            "run", study, "--simulate", "--gaze", f"replay:{tape}", "--skip-validation"
-        ),
+        *screen.session("run", study, "--simulate", "--gaze", f"replay:{tape}", "--skip-validation")
     )
     notes = [event.text for event in events(study, Note)]
 

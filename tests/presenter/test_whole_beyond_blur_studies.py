@@ -87,8 +87,7 @@ def pictures_of_noise(study):
         Image.fromarray(picture[: clip.height_px, : clip.width_px]).save(path)
         clips.append(clip.model_copy(update={"frames_sha256": (sha256_file(path),)}))
     write_manifest(
-        study.stimuli,
-        manifest.model_copy(update={"clips": tuple(clips), "simulated": False}),
+        study.stimuli, manifest.model_copy(update={"clips": tuple(clips), "simulated": False})
     )
 
 

@@ -21,12 +21,7 @@ from pipeline.inpaint.reference import (
     relax,
 )
 from pipeline.inpaint.regions import CELL, SOURCE_RINGS, source_resolution
-from pipeline.statistics.moments import (
-    chroma_slopes,
-    chroma_variances,
-    luma_moments,
-    moments,
-)
+from pipeline.statistics.moments import chroma_slopes, chroma_variances, luma_moments, moments
 from pipeline.statistics.reference import band_statistics, outlined_levels, straddles
 
 THRESHOLD = 0.04

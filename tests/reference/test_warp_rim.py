@@ -176,11 +176,7 @@ def test_any_holes_are_judged_by_the_rule(rng, share, rim_px):
 # ---- in a warp
 
 
-@given(
-    rng=draws,
-    scale=st.sampled_from([1.0, 4.0, 15.0]),
-    rim_px=st.integers(1, 4),
-)
+@given(rng=draws, scale=st.sampled_from([1.0, 4.0, 15.0]), rim_px=st.integers(1, 4))
 @settings(max_examples=20)
 def test_a_warp_with_a_rim_only_loses_known_pixels(rng, scale, rim_px):
     frame = SourceFrame(

@@ -19,14 +19,7 @@ from protocols.study_file.new_study import study_files
 from stimuli.score import measure_clips, plots, report
 from stimuli.score.batch import subjects_of_batch
 from stimuli.score.metrics import METRICS, choose_metrics
-from stimuli.score.tables import (
-    ScoreTable,
-    all_duels,
-    all_tables,
-    duels,
-    tables_csv,
-    tables_latex,
-)
+from stimuli.score.tables import ScoreTable, all_duels, all_tables, duels, tables_csv, tables_latex
 from stimuli.score.viewing_conditions import ViewerGaze, open_viewing, standard_fhd
 from stimuli.score.write_scores import CACHE_FOLDER
 

@@ -2,12 +2,7 @@
 
 import numpy as np
 import pytest
-from made_up_trials import (
-    TaskDesign,
-    simulate_abx,
-    simulate_identification,
-    simulate_yes_no,
-)
+from made_up_trials import TaskDesign, simulate_abx, simulate_identification, simulate_yes_no
 
 from analysis.models.right_answers import rate_contrasts
 from protocols.answer_rules import answer_rule
@@ -65,8 +60,7 @@ def test_what_conditions_share_does_not_blur_their_difference(rng):
     spread = {"d_prime_sd": (1.0, 0.0), "criterion_sd": (0.0, 0.0)}
     errors = [
         rate_contrasts(
-            simulate_yes_no(design, {"a": 1.0, "b": 1.0}, rng, common=common, **spread),
-            ("method",),
+            simulate_yes_no(design, {"a": 1.0, "b": 1.0}, rng, common=common, **spread), ("method",)
         )[0].standard_error
         for common in (0.0, 1.0)
     ]

@@ -332,9 +332,7 @@ def test_sessions_of_different_manifests_are_noted(tmp_path, write_journals, dem
 
 
 @pytest.mark.parametrize(
-    "line",
-    [b"[" * 100_000, b'{"n":' + b"9" * 6000 + b"}"],
-    ids=["brackets", "a long integer"],
+    "line", [b"[" * 100_000, b'{"n":' + b"9" * 6000 + b"}"], ids=["brackets", "a long integer"]
 )
 def test_absurd_lines_of_a_journal_are_damage_and_no_traceback(
     tmp_path, write_journals, demo_protocol, line

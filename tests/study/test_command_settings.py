@@ -38,12 +38,7 @@ app = CommandGroup()
 
 
 @app.command()
-def draw(
-    name: Annotated[str, typer.Argument()],
-    *,
-    look: Look,
-    wide: bool = False,
-) -> None:
+def draw(name: Annotated[str, typer.Argument()], *, look: Look, wide: bool = False) -> None:
     """Draw it."""
     GIVEN[:] = [name, look, wide]
 

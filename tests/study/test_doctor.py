@@ -38,12 +38,7 @@ def display(refresh_hz=60, **window):
         "scale": 1.0,
     }
     measured = {"renderer": "NVIDIA", "evidence": "fence", "measured": "59.951 Hz", "late": ""}
-    return {
-        "platform": "X11",
-        "monitors": [monitor],
-        "window": measured | window,
-        "disturbers": [],
-    }
+    return {"platform": "X11", "monitors": [monitor], "window": measured | window, "disturbers": []}
 
 
 def named(findings: list[Finding], check: str) -> Finding:

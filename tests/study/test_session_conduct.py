@@ -147,11 +147,7 @@ def test_a_session_has_consent_blocks_breaks_questions_and_an_end(tmp_path):
 
 
 def test_pages_name_the_keys_and_count_the_blocks(tmp_path):
-    texts = changed(
-        SHORT,
-        gaze={"mode": "none"},
-        design={"blocks": 3},
-    ).model_dump()
+    texts = changed(SHORT, gaze={"mode": "none"}, design={"blocks": 3}).model_dump()
     english = texts["text"]["languages"]["en"]
     english["instructions"] = ("Press {left} or {right}; {continue} turns the page.",)
     protocol = StudyProtocol.model_validate(texts)
@@ -477,11 +473,7 @@ def random_protocol(chance: random.Random) -> tuple[StudyProtocol, float]:
             "fixation_timeout_s": whole(10, 20),
             "iti_s": whole(1, 4),
         },
-        task={
-            "pairings": (("push-pull", "metameric"),),
-            "catch": None,
-            "gap_s": whole(1, 6),
-        },
+        task={"pairings": (("push-pull", "metameric"),), "catch": None, "gap_s": whole(1, 6)},
         gaze={"mode": "none"},
         response={"timeout_s": None},
     )

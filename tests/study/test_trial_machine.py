@@ -7,13 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from scripts import a_script, asking, shows, watched
-from timelines import (
-    OBSERVED,
-    TIMELINES,
-    side_by_side,
-    three_stimuli,
-    two_intervals,
-)
+from timelines import OBSERVED, TIMELINES, side_by_side, three_stimuli, two_intervals
 
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest

@@ -82,12 +82,7 @@ class MetamericRun:
         upload(self.textures.colour, rgba)
 
     def call(self, seed=3):
-        self.fill_pass(
-            self.textures,
-            z_near_m=Z_NEAR_M,
-            seed=seed,
-            source_from_target=self.matrix,
-        )
+        self.fill_pass(self.textures, z_near_m=Z_NEAR_M, seed=seed, source_from_target=self.matrix)
 
     def __call__(self, frame=None, seed=3):
         self.load(frame)

@@ -118,10 +118,7 @@ def test_base_on_gpu_matches_reference(fill, rng, size):
     filled = fill(scene).image
 
     np.testing.assert_allclose(
-        filled[hole][:, :3],
-        expected(scene)[0].values[hole],
-        rtol=0,
-        atol=tolerance(size, 0.25),
+        filled[hole][:, :3], expected(scene)[0].values[hole], rtol=0, atol=tolerance(size, 0.25)
     )
     np.testing.assert_array_equal(filled[..., 3], ~hole)  # alpha stays
     assert filled[~hole].tobytes() == with_alpha(*scene[:2])[~hole].tobytes()

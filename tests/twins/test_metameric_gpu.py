@@ -66,12 +66,7 @@ def random_scene(rng):
     colour = rng.random((height, width, 3), np.float32)
     if rng.random() < 0.5:
         colour = ndimage.gaussian_filter(colour, (1.2, 1.2, 0))
-    return WarpedFrame(
-        colour,
-        depth.astype(np.float32),
-        hole,
-        flow.astype(np.float32),
-    )
+    return WarpedFrame(colour, depth.astype(np.float32), hole, flow.astype(np.float32))
 
 
 @pytest.mark.parametrize(

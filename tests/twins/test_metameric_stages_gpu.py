@@ -21,11 +21,7 @@ from pipeline.noise.gains import fitted_mixing
 from pipeline.noise.tile import TEXELS_PER_PX, noise_bands
 from pipeline.statistics.moments import known_background, moments, noise_variances
 from pipeline.statistics.reference import outlined_levels
-from pipeline.synthesis.reference import (
-    deviations,
-    sample,
-    shaped_noise,
-)
+from pipeline.synthesis.reference import deviations, sample, shaped_noise
 from pipeline.synthesis.settings import MetamericSettings
 
 Z_NEAR_M = 1.0

@@ -185,10 +185,7 @@ def test_a_colour_chunk_changes_no_pixel(chromium, firefox, case, lab):
 def test_the_composited_page_shows_what_is_painted_at_any_ratio(case, lab, ratio):
     of, scale = case("two-alternative"), max(1, round(ratio))
     args = f"--force-device-scale-factor={ratio}", "--window-size=900,500"
-    with (
-        chromium_for_tests(*args) as browser,
-        served(of.out, jatos=False) as site,
-    ):
+    with chromium_for_tests(*args) as browser, served(of.out, jatos=False) as site:
         width, height, _ = opened(browser, site, of, lab, scale, flat=False, size=None)
         assert browser.evaluate("devicePixelRatio") == pytest.approx(ratio)
         some = [one for one in scenes(of) if '"frames"' in one.told][:3]

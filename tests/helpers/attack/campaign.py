@@ -110,11 +110,7 @@ class _Work:
 
 
 def _one_reader(
-    work: _Work,
-    share: int,
-    keep: Path | None,
-    until_s: float,
-    on_input: Callable[[str, int], None],
+    work: _Work, share: int, keep: Path | None, until_s: float, on_input: Callable[[str, int], None]
 ) -> Result:
     result, number = Result(work.reader.name), 0
     fork = multiprocessing.get_context("fork")

@@ -6,12 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_trials import (
-    TaskDesign,
-    simulate_abx,
-    simulate_identification,
-    simulate_yes_no,
-)
+from made_up_trials import TaskDesign, simulate_abx, simulate_identification, simulate_yes_no
 from scipy import stats
 from scipy.special import ndtr
 from yes_no_table import of_table

@@ -11,12 +11,7 @@ from scipy.special import expit, log_expit
 from scipy.stats import chi2
 
 from analysis.models.curves.response import LOGIT, ResponseFunction
-from analysis.models.logistic import (
-    glm_logit,
-    glmm_logit,
-    glmm_probit,
-    models_beside,
-)
+from analysis.models.logistic import glm_logit, glmm_logit, glmm_probit, models_beside
 from analysis.models.mixed.arrow_matrix import RandomEffects
 from analysis.models.mixed.formula import TILDE_OPERATOR
 from analysis.models.mixed.glmm import CountedTrials, LaplaceLikelihood, fit_crossed, reduced_ratio
@@ -281,10 +276,7 @@ def test_the_design_of_table_1_reproduces_the_printed_standard_errors():
 
 def test_wilkinson_formula_with_a_reference_level_fits_a_study_like_table_1(rng):
     rows = pd.DataFrame(
-        {
-            "eccentricity": np.repeat(ECCENTRICITY, 140),
-            "method": np.repeat(METHOD, 140).astype(str),
-        }
+        {"eccentricity": np.repeat(ECCENTRICITY, 140), "method": np.repeat(METHOD, 140).astype(str)}
     )
     shift = np.concatenate([[0.0], PRINTED])[rows["method"].astype(int)]
     logit = 2.976 - 0.101 * rows["eccentricity"] + shift

@@ -174,10 +174,7 @@ def levels_table(folder: Path, right) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("answers", "right"),
-    [
-        ("all right", lambda _x, _t: True),
-        ("at chance", lambda _x, t: (t // 5) % 2),
-    ],
+    [("all right", lambda _x, _t: True), ("at chance", lambda _x, t: (t // 5) % 2)],
 )
 def test_thresholds_that_no_answer_places_have_no_number_anywhere(tmp_path, answers, right):
     del answers

@@ -6,12 +6,7 @@ import pytest
 from scipy.special import expit
 
 from analysis.models.clustered import two_way
-from analysis.models.right_answers import (
-    contrasts,
-    correct_rates,
-    rate_contrasts,
-    share_influence,
-)
+from analysis.models.right_answers import contrasts, correct_rates, rate_contrasts, share_influence
 from analysis.simulations import mean_logit
 
 DEVIATIONS = ((0, 0), (0.5, 0), (1, 0), (0.5, 0.5), (0.63, 0.43))

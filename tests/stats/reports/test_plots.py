@@ -8,12 +8,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_trials import (
-    TaskDesign,
-    simulate_abx,
-    simulate_identification,
-    simulate_yes_no,
-)
+from made_up_trials import TaskDesign, simulate_abx, simulate_identification, simulate_yes_no
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
@@ -385,10 +380,7 @@ def test_what_bars_mean_stands_on_the_figure(draw, kind, width_in):
     assert any(MEANINGS[kind] in text for text in texts)
 
 
-@pytest.mark.parametrize(
-    "kind",
-    ["learning", "reaction", "bias", "caterpillar", "interaction"],
-)
+@pytest.mark.parametrize("kind", ["learning", "reaction", "bias", "caterpillar", "interaction"])
 def test_other_limits_are_named_on_the_figure(draw, kind):
     texts = " ".join(text for text, _ in visible_texts(draw[kind](width_in=7.0, level=0.9)))
 

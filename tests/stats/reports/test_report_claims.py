@@ -8,12 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_trials import (
-    TaskDesign,
-    simulate_abx,
-    simulate_identification,
-    simulate_yes_no,
-)
+from made_up_trials import TaskDesign, simulate_abx, simulate_identification, simulate_yes_no
 
 from analysis.models.critical_scaling import critical_scaling
 from analysis.models.curves.population import Threshold

@@ -12,12 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from command_line import result_of
-from made_up_trials import (
-    TaskDesign,
-    simulate_abx,
-    simulate_identification,
-    simulate_yes_no,
-)
+from made_up_trials import TaskDesign, simulate_abx, simulate_identification, simulate_yes_no
 from scipy import stats
 from study_texts import files_recipe, short_study
 from undrawn_reports import drawn_narrow, undrawn

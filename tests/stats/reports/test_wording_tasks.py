@@ -5,12 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_up_trials import (
-    TaskDesign,
-    simulate_abx,
-    simulate_identification,
-    simulate_yes_no,
-)
+from made_up_trials import TaskDesign, simulate_abx, simulate_identification, simulate_yes_no
 
 from analysis.models.critical_scaling import critical_scaling
 from analysis.models.detection import discrimination, yes_no

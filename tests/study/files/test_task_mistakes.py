@@ -299,8 +299,7 @@ def test_fuzzed_studies_give_messages_or_work(tmp_path, case):
     max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
 )
 @given(
-    rows=st.lists(st.lists(st.text(max_size=8), max_size=8), max_size=5),
-    cut=st.integers(0, 2000),
+    rows=st.lists(st.lists(st.text(max_size=8), max_size=8), max_size=5), cut=st.integers(0, 2000)
 )
 def test_fuzzed_tables_give_messages_or_work(tmp_path, rows, cut):
     path = tmp_path / "pilot.toml"

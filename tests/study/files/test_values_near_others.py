@@ -62,8 +62,7 @@ def test_another_word_for_the_same_is_understood(found, known, meant):
 
 
 @pytest.mark.parametrize(
-    ("found", "known"),
-    [("", ("middle", "top")), ("zebra", ("middle", "top")), (3, ("3x", "y"))],
+    ("found", "known"), [("", ("middle", "top")), ("zebra", ("middle", "top")), (3, ("3x", "y"))]
 )
 def test_what_is_near_nothing_gets_no_guess(found, known):
     assert did_you_mean(found, known) == ""

@@ -57,8 +57,7 @@ def test_one_more_than_the_display_from_0_on_is_taken_with_a_note(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "box",
-    ["0 0 1280 1023", "0 0 1279 1024", "1 1 1281 1025", "0 0 1281 1025", "0 0 1023 767"],
+    "box", ["0 0 1280 1023", "0 0 1279 1024", "1 1 1281 1025", "0 0 1281 1025", "0 0 1023 767"]
 )
 def test_coordinates_of_another_screen_are_refused(tmp_path, box):
     recording = load_recording(asc(tmp_path, f"GAZE_COORDS {box}"))

@@ -56,10 +56,7 @@ def test_a_tracker_that_dies_before_the_first_trial_is_one_message_and_a_whole_j
     assert last.message.startswith("gaze: ")
     assert not journal.attempts
     assert check_side_files(journal).wrong == ()
-    gone = {
-        "eyelink": "the link to the EyeLink broke",
-        "lsl": "must send samples",
-    }[kind]
+    gone = {"eyelink": "the link to the EyeLink broke", "lsl": "must send samples"}[kind]
     told = [*notes_of(journal), last.message]
     assert any(gone in text for text in told), told
 
