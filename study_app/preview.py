@@ -211,7 +211,7 @@ class _Maker:
         return "; ".join(filter(None, (ends, watched)))
 
     def data(self, played: Sequence[Mapping[str, object]]) -> dict[str, object]:
-        """Return what the page plays: trials, and the pictures of everything that they show."""
+        """Return the trials that the page plays, and pictures of everything that they show."""
         return {
             "size": self.stage,
             "grey": self.grey,

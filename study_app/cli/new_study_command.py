@@ -359,7 +359,7 @@ def _own_scenes(
 
 
 def _left_away(asked: Sequence[OwnClips], of_all: OwnClips) -> list[str]:
-    """Say what of the sequences no clip shows."""
+    """Return notes on parts of the sequences that no clip shows."""
     notes, kept_px = list[str](), (of_all.width_px, of_all.height_px)
     for clips in asked:
         size_px = clips.width_px, clips.height_px

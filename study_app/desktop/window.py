@@ -138,7 +138,7 @@ class Window:
         """Events of a desktop that nothing tells, and the cure; empty: all are told."""
 
     def _hint(self, refresh_hz: int) -> None:
-        """Say what the next window is to be."""
+        """Ask for the properties of the next window."""
         for hint, value in (
             (glfw.CONTEXT_VERSION_MAJOR, 3),  # at least: drivers give the newest they have
             (glfw.CONTEXT_VERSION_MINOR, 3),

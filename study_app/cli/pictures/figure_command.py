@@ -52,7 +52,7 @@ class ShownOptions:
     """Width in columns of a paper: 1 or 2."""
 
     def rows(self) -> RowSettings:
-        """Return what decides the rows."""
+        """Return the choice of rows."""
         from stimuli.warp.teaser import RowSettings
 
         named = () if self.methods is None else self.methods.split(",")

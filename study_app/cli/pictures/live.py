@@ -210,7 +210,7 @@ def _run(show: _Show) -> None:
 def _read(
     source: str, reading: PictureReading, panorama: bool, fps: float | None = None
 ) -> tuple[LiveSource | None, float]:
-    """Return what a file holds, and its frames a second; nothing for a picture of ours."""
+    """Return the frames of a file, and their rate; None for a picture of ours."""
     from study_app.cli.pictures.live_renderer import BUILTIN, read_source
 
     if source.startswith(BUILTIN):
