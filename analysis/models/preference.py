@@ -246,22 +246,17 @@ def preference(
         raise ValueError(f"decisions must compare {method} with {against} (there is none)")
     chosen, shown, people, scenes = counts(decisions, method)
     trials, wins = int(shown.sum()), int(chosen.sum())
-    by_person, by_scene = shown.sum(axis=1), shown.sum(axis=0)
-    shares = chosen.sum(axis=1) / by_person
+    shares = chosen.sum(axis=1) / shown.sum(axis=1)
     level = 1.0 - alpha
     estimate = None
     if len(people) > 1:
         one_way = test == "participant" or len(scenes) == 1
-        estimate = (
-            two_way(chosen.sum(axis=1, keepdims=True), by_person[:, None])
-            if one_way
-            else two_way(chosen, shown)
-        )
+        cells = [one.sum(axis=1, keepdims=True) if one_way else one for one in (chosen, shown)]
+        estimate = two_way(*cells)
     share = wins / trials
     exact = scipy.stats.binomtest(wins, trials)
     exact_limits = exact.proportion_ci(level, method="exact")
-    claimed = test == "participant-scene"
-    notes = _notes(shown, wins, len(people), len(scenes), by_person, by_scene, claimed=claimed)
+    notes = _notes(shown, wins, claimed=test == "participant-scene")
     judged = _judged(estimate, len(people), alpha, margin, one_way=test == "participant")
     if judged.note:
         notes.append(judged.note)
@@ -367,17 +362,8 @@ def _odds(share: float, trials: int) -> float:
     return share / (1.0 - share)
 
 
-def _notes(
-    shown: Floats,
-    wins: int,
-    people: int,
-    scenes: int,
-    by_person: Floats,
-    by_scene: Floats,
-    *,
-    claimed: bool,
-) -> list[str]:
-    trials = int(shown.sum())
+def _notes(shown: Floats, wins: int, *, claimed: bool) -> list[str]:
+    (people, scenes), by_person, by_scene = shown.shape, shown.sum(axis=1), shown.sum(axis=0)
     notes = []
     if people < 2:
         notes.append("one participant only: nothing can be said about other people")
@@ -395,7 +381,7 @@ def _notes(
             f"only {scenes} scenes: variance between scenes is poorly known, and the claim does not"
             " reach far beyond them; more participants do not replace scenes"
         )
-    if wins in (0, trials):
+    if wins in (0, int(shown.sum())):
         notes.append(
             "all answers agree: no variance to estimate; p is the smallest that"
             f" {count_of(people, 'participant')} can show"
