@@ -75,7 +75,8 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
     ) -> RandomEffectResults:
         """Take them from the models that were fitted."""
         (name,) = self.needs
-        models = tuple(one for one in self.models(found.get(name), plan) if one.deviations)
+        fitted = self.models(found[name], plan) if name in found else ()
+        models = tuple(one for one in fitted if one.deviations)
         if not models:
             raise ValueError  # the part with the models says why there is none
         notes = []
@@ -169,8 +170,7 @@ class RightEffects(RandomEffectsPart[AnalysisPlan]):
 
     def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[ModelEffects]:
         """Yield the mixed one."""
-        if found is not None:
-            yield ModelEffects("", found.mixed.deviations)
+        yield ModelEffects("", found.mixed.deviations)
 
 
 class ChoiceEffects(RandomEffectsPart[Any]):
@@ -188,7 +188,7 @@ class ChoiceEffects(RandomEffectsPart[Any]):
 
     def models(self, found: Any, plan: Any) -> Iterator[ModelEffects]:
         """Yield one for each size."""
-        for one in found.together if found is not None else ():
+        for one in found.together:
             yield ModelEffects(plan.at(one.size), one.model.deviations)
 
 
@@ -207,7 +207,7 @@ class TimeEffects(RandomEffectsPart[AnalysisPlan]):
 
     def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[ModelEffects]:
         """Yield the log-normal one."""
-        if found is not None and found.model is not None:
+        if found.model is not None:
             yield ModelEffects("", found.model.deviations)
 
 
@@ -222,5 +222,4 @@ class RatingEffects(RandomEffectsPart[AnalysisPlan]):
 
     def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[ModelEffects]:
         """Yield the cumulative-link one."""
-        if found is not None:
-            yield ModelEffects("", found.model.deviations)
+        yield ModelEffects("", found.model.deviations)

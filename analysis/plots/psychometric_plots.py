@@ -11,10 +11,7 @@ from analysis.models.curves.goodness_of_fit import Misfit
 from analysis.models.numeric import two_sided_quantile
 from analysis.models.trends import Course
 from analysis.plots.style import (
-    DASHES,
     GREY,
-    MARKERS,
-    SERIES,
     Axes,
     Figure,
     font_size,
@@ -24,6 +21,7 @@ from analysis.plots.style import (
     level_axis,
     limits_text,
     new_figure,
+    series_look,
 )
 from analysis.report.wording import size
 
@@ -99,10 +97,10 @@ def psychometric_plot(
             _draw_thresholds(strip, axes, series)
             said.append(f"below: thresholds, {limits_text(level)}")
         for number, name in enumerate(series):
-            curve = series[name][-1] is not None
-            axes.plot([], [], ls=DASHES[number % len(DASHES)] if curve else "-",
-                      lw=1.8 if curve else 0.6, color=SERIES[number % len(SERIES)],
-                      marker=MARKERS[number % len(MARKERS)], ms=3, label=label(name))  # fmt: skip
+            colour, marker, dash = series_look(number)
+            dash, wide = ("-", 0.6) if series[name][-1] is None else (dash, 1.8)
+            axes.plot([], [], ls=dash, lw=wide, color=colour, marker=marker, ms=3,
+                      label=label(name))  # fmt: skip
         _level_ticks(strip, everything, width_in, logarithmic=logarithmic)
         _share_ticks(axes)
         strip.set_xlabel(x_label)
@@ -145,7 +143,7 @@ def people_plot(
                 if isinstance(fit, DrawnCurve) and fit.threshold is not None:
                     value, lower, upper = fit.threshold
                     y = -0.04 - 0.09 * number
-                    colour = SERIES[number % len(SERIES)]
+                    colour, *_ = series_look(number)
                     if lower is not None and upper is not None:
                         axes.plot([lower, upper], [y, y], color=colour, lw=1.0)
                     axes.plot([value], [y], "|", color=colour, ms=5, mew=1.4)
@@ -161,9 +159,8 @@ def people_plot(
             _level_ticks(axes, everything, width_in / columns, logarithmic=logarithmic)
             axes.tick_params(labelbottom=True)
         for number, name in enumerate(names):
-            panels[0, 0].plot([], [], marker=MARKERS[number % len(MARKERS)], ms=3,
-                              ls=DASHES[number % len(DASHES)], label=label(name),
-                              color=SERIES[number % len(SERIES)])  # fmt: skip
+            colour, marker, dash = series_look(number)
+            panels[0, 0].plot([], [], marker=marker, ms=3, ls=dash, label=label(name), color=colour)
         figure.supylabel("Proportion correct", fontsize=points)
         bare = all(
             not isinstance(fit, DrawnCurve) or fit.threshold is None or fit.threshold[1] is None
@@ -191,7 +188,7 @@ def _draw_series(
     for number, (x, successes, trials, fit) in zip(
         places or range(len(series)), series.values(), strict=False
     ):
-        colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
+        colour, marker, dash = series_look(number)
         share = successes / trials
         if error_bars:
             error = np.sqrt(np.maximum(share * (1.0 - share), 0.25 / trials) / trials)
@@ -201,8 +198,8 @@ def _draw_series(
             axes.scatter(x, share, s=2.0 + 12.0 * trials / most, color=colour, marker=marker,
                          linewidth=0, alpha=0.8)  # fmt: skip
         if fit is not None:
-            axes.plot(fine, fit(fine), ls=DASHES[number % len(DASHES)], color=colour,
-                      lw=1.8 if error_bars else 1.1, alpha=0.85)  # fmt: skip
+            axes.plot(fine, fit(fine), ls=dash, color=colour, lw=1.8 if error_bars else 1.1,
+                      alpha=0.85)  # fmt: skip
         if isinstance(fit, DrawnCurve) and fit.limits is not None:
             axes.fill_between(fine, *fit.limits(fine), color=colour, alpha=0.15, lw=0, zorder=0)
 
@@ -213,7 +210,7 @@ def _draw_thresholds(strip: Axes, axes: Axes, series: Mapping[str, Series]) -> N
     for number, (*_, fit) in enumerate(series.values()):
         if not isinstance(fit, DrawnCurve) or fit.threshold is None:
             continue
-        colour = SERIES[number % len(SERIES)]
+        colour, *_ = series_look(number)
         value, lower, upper = fit.threshold
         interval(strip, row, value, value if lower is None else lower,
                  value if upper is None else upper, colour)  # fmt: skip
@@ -282,7 +279,7 @@ def misfit_plot(
         axes = several[0]
         levels = np.array([x for one in found for x in one.levels])
         for number, one in enumerate(found):
-            colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
+            colour, marker, _ = series_look(number)
             x = np.array(one.levels)
             axes.fill_between(x, one.lower, one.upper, color=colour, alpha=0.15, lw=0, zorder=0)
             axes.plot(x, one.residuals, ls="none", marker=marker, color=colour, ms=3.5,

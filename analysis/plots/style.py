@@ -78,6 +78,12 @@ def _styled(fonts: Any = None) -> Iterator[None]:
         yield
 
 
+def series_look(number: int) -> tuple[str, str, object]:
+    """Return colour, marker and dash of a series."""
+    own = number % len(SERIES)  # there are as many of each
+    return SERIES[own], MARKERS[own], DASHES[own]
+
+
 def font_size(width_in: float) -> float:
     """Return the font size of a figure of this width, in points."""
     return 6.5 if width_in < 5 else 8.0

@@ -16,11 +16,8 @@ from analysis.models.ordinal import RatingModel
 from analysis.models.right_answers import Rate
 from analysis.plots.style import (
     BLUE,
-    DASHES,
     GREY,
-    MARKERS,
     ORANGE,
-    SERIES,
     Axes,
     Figure,
     explain,
@@ -33,6 +30,7 @@ from analysis.plots.style import (
     new_figure,
     null_line,
     row_in,
+    series_look,
     share_axis,
 )
 from protocols.answer_rules import answer_rule
@@ -138,8 +136,7 @@ def scaling_plot(
         fine = np.geomspace(low, high, 300)
         bottom = 0.0
         for number, fit in enumerate(fits):
-            colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
-            dash = DASHES[number % len(DASHES)]
+            colour, marker, dash = series_look(number)
             rule = answer_rule(fit.rule)
             x, right, shown = counts[fit.condition]
             share = (right + 0.5) / (shown + 1.0)
@@ -257,7 +254,7 @@ def interaction_plot(
         axes = figure.subplots()
         for number, value in enumerate(values):
             own = [row for row in placed if row[1] == value]
-            colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
+            colour, marker, _ = series_look(number)
             for y, _, _, lower, upper in own:
                 axes.plot([lower, upper], [y, y], color=colour, lw=1.4)
             axes.plot([row[2] for row in own], [row[0] for row in own], marker, color=colour,
