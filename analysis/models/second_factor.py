@@ -1,6 +1,7 @@
 """Interaction of conditions with a second factor, such as size: does their difference change?"""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -95,24 +96,22 @@ def jod_interactions(
             gaps = [one_of[..., left] - one_of[..., right] for one_of in scores]
             gap = (gaps[0] - gaps[1])[kept]
             lower, upper, p = difference_limits(gap[:, None], clusters, level)
-            numbers = (float(gaps[2] - gaps[3]), float(gap.std(ddof=1)), *lower, *upper)
-            found.append((pairing, first, second, numbers, float(p[0])))
-    adjusted = holm(np.array([own for *_, own in found])).tolist()
+            changed = Difference(
+                measure="JOD",
+                first=first,
+                second=second,
+                difference=float(gaps[2] - gaps[3]),
+                standard_error=float(gap.std(ddof=1)),
+                lower=float(lower[0]),
+                upper=float(upper[0]),
+                level=level,
+                df=float(clusters - 1),
+                p=float(p[0]),
+                p_adjusted=float(p[0]),
+            )
+            found.append((pairing, changed))
+    adjusted = holm(np.array([one.p for _, one in found])).tolist()
     result: dict[tuple[str, str], tuple[Difference, ...]] = {}
-    for (pairing, first, second, numbers, own), together in zip(found, adjusted, strict=True):
-        value, error, low, high = map(float, numbers)
-        gap_of = Difference(
-            measure="JOD",
-            first=first,
-            second=second,
-            difference=value,
-            standard_error=error,
-            lower=low,
-            upper=high,
-            level=level,
-            df=float(clusters - 1),
-            p=own,
-            p_adjusted=together,
-        )
-        result[pairing] = (*result.get(pairing, ()), gap_of)
+    for (pairing, changed), together in zip(found, adjusted, strict=True):
+        result[pairing] = (*result.get(pairing, ()), replace(changed, p_adjusted=together))
     return result

@@ -1,1 +1,1 @@
-"""Plans of analyses: the section of a study or of a table, and what it is about. Parts read these."""
+"""Plans of analyses: the section of a study or of a table, and its facts. Parts read these."""
