@@ -278,10 +278,8 @@ class MetamerPass(FoveationPass):
         self._chain = self._analysis(levels, deepest, chroma=self._chroma)
         layers = weight_layers(levels, bent=self._chroma)
         self._weights = self._array(self._chain.sizes[2], layers, "rgba16f")
-        gains = self._compile(
-            "gains",
-            **gains_constants(levels, chroma=self._chroma, coarser=count > 2),
-        )
+        constants = gains_constants(levels, chroma=self._chroma, count=count)
+        gains = self._compile("gains", **constants)
         self._gains = self._gains_step(gains)
         self._on_screen = self._compile_finish(carried=False)
         self._finish_steps = Dispatches(self._finish_step)
@@ -352,11 +350,12 @@ class MetamerPass(FoveationPass):
         # Of resolutions 1 and 2 as they were pulled, of the others as they were chosen.
         chain = self._chain
         last = min(max(3, self.levels), chain.count)
-        moments, powers = chain.chosen.moments, chain.chosen.powers
-        named = {f"moments_{r}": moments[r - 1] for r in range(1, last + 1)}
-        named_powers = {f"powers_{r}": powers[r - 1] for r in range(2, min(3, chain.count) + 1)}
+        moments, powers = chain.chosen.moments[:last], chain.chosen.powers[1:3]
         return gains.step_over(
-            halved(chain.sizes[2]), weights=self._weights, **given(**named, **named_powers)
+            halved(chain.sizes[2]),
+            weights=self._weights,
+            moments=[one for one in moments if one],
+            powers=[one for one in powers if one],
         )
 
     def _compile_finish(self, *, carried: bool) -> Shader:

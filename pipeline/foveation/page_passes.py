@@ -197,12 +197,12 @@ def page_passes(
         PageShader(
             "foveation/shaders/gains.comp.glsl",
             {"TILE": TILE, **pooled.constants,
-             **gains_constants(levels, chroma=chroma, coarser=count > 2)},
+             **gains_constants(levels, chroma=chroma, count=count)},
             "weights", shared=2,
         ),
         "weights",
-        {**{f"moments_{r}": chosen("moments", r) for r in range(1, last + 1)},
-         **{f"powers_{r}": chosen("powers", r) for r in range(2, min(3, count) + 1) if chroma}},
+        {**{f"moments[{r - 1}]": chosen("moments", r) for r in range(1, last + 1)},
+         **{f"powers[{r - 2}]": chosen("powers", r) for r in range(2, min(3, count) + 1) if chroma}},
         pooled.fixed,
     )  # fmt: skip
     push(1)

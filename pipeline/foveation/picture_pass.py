@@ -165,14 +165,14 @@ def noise_constants(levels: int, **changes: Constant) -> dict[str, Constant]:
     return constants | changes
 
 
-def gains_constants(levels: int, *, chroma: bool, coarser: bool) -> dict[str, Constant]:
-    """Constants of gains.comp.glsl; `coarser`: resolution 2 is not the coarsest."""
+def gains_constants(levels: int, *, chroma: bool, count: int) -> dict[str, Constant]:
+    """Constants of gains.comp.glsl, of a picture that is halved `count` times."""
     return {
         **gain_constants(levels, aim=AIM),
         "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
         "PARTNER_SHARE": PARTNER_SHARE,
         "CHROMA": chroma,
-        "COARSER": coarser,
+        "RESOLUTIONS": min(max(3, levels), count),
         "LEAST_TIGHTNESS": LEAST_TIGHTNESS,
         "LEAST_SKEWED": LEAST_SKEWED,
         "LEAST_BOUND": LEAST_BOUND,

@@ -20,9 +20,7 @@
 
 layout(rgba32f) uniform image2D image;  // rgb: encoded colour; a: 1 known, 0 hole
 layout(r32f) uniform readonly image2D depth_m;
-#if ANCHOR == 1
 layout(rg32f) uniform readonly image2D flow_px;  // target minus source
-#endif
 // Variance of the noise to add. Per texel high, along x, along y; w of the first: guide.
 // Level k at resolution k + 1.
 layout(rgba32f) uniform readonly image2D variances;
@@ -33,20 +31,17 @@ uniform float z_near_m;
 uniform float noise_scale;
 uniform ivec4 level_size[LEVELS];          // columns, rows, where its first texel lies
 uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
-#if ANCHOR == 2
-uniform mat4 source_from_target;
-#endif
+uniform mat4 source_from_target;  // of the anchor 2
 
 vec2 anchor(ivec2 pixel, float depth) {
     vec2 here = vec2(pixel) + 0.5;
     vec2 place = here;
-#if ANCHOR == 1
-    place = here - imageLoad(flow_px, pixel).rg;
-#elif ANCHOR == 2
-    vec4 point = source_from_target * vec4(here, 1.0, 1.0 / depth);
-    if (!(point.z > 0.0)) return here;  // behind the source camera
-    place = point.xy / point.z;
-#endif
+    if (ANCHOR == 1) place = here - imageLoad(flow_px, pixel).rg;
+    if (ANCHOR == 2) {
+        vec4 point = source_from_target * vec4(here, 1.0, 1.0 / depth);
+        if (!(point.z > 0.0)) return here;  // behind the source camera
+        place = point.xy / point.z;
+    }
     return all(lessThan(abs(place), vec2(ANCHOR_REACH_PX))) ? place : here;
 }
 
@@ -112,11 +107,7 @@ Texel variances_at(ivec2 place, ivec4 size) {
 
 // Variances are interpolated before their root is taken. See deviations().
 vec3 deviation(vec3 variance) {
-#if CHANNELS == 1
-    return variance * inversesqrt(max(variance.x, SMALLEST_LACKING));
-#else
-    return sqrt(variance);
-#endif
+    return CHANNELS == 1 ? variance * inversesqrt(max(variance.x, SMALLEST_LACKING)) : sqrt(variance);
 }
 
 #define MIXED(name) (share.x * a.name + share.y * b.name + share.z * c.name + share.w * d.name)
@@ -127,14 +118,14 @@ void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, 
     vec3 high = deviation(MIXED(high));
     vec3 along_x = deviation(MIXED(along_x)), along_y = deviation(MIXED(along_y));
     vec3 bands = noise_bands(p, level, 0);
-#if CHANNELS == 1
-    p.noise += bands.x * high + bands.y * along_x + bands.z * along_y;
-#else
+    if (CHANNELS == 1) {
+        p.noise += bands.x * high + bands.y * along_x + bands.z * along_y;
+        return;
+    }
     vec3 blue = noise_bands(p, level, 1), red = noise_bands(p, level, 2);
     p.noise += vec3(bands.x, blue.x, red.x) * high
              + vec3(bands.y, blue.y, red.y) * along_x
              + vec3(bands.z, blue.z, red.z) * along_y;
-#endif
 }
 
 void finish(Pixel p) {

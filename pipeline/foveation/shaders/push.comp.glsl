@@ -12,21 +12,15 @@
 layout(local_size_x = TILE, local_size_y = TILE) in;
 
 uniform int halvings;  // of this resolution
-#if BASE
 uniform sampler2D fine;
 uniform sampler2D coarse;  // chosen, linear
 layout(rgba32f) uniform writeonly image2D chosen;
-#endif
-#if LAYERS
 uniform sampler2DArray fine_moments;    // see pull.comp.glsl
 uniform sampler2DArray coarse_moments;  // chosen, linear
 layout(rgba32f) uniform writeonly image2DArray chosen_moments;
-#endif
-#if POWERS
 uniform sampler2DArray fine_powers;
 uniform sampler2DArray coarse_powers;   // chosen, linear
 layout(rgba32f) uniform writeonly image2DArray chosen_powers;
-#endif
 
 // All or nothing of the coarser one, as in most places, is half the work.
 vec4 choice(sampler2DArray own, sampler2DArray below, ivec3 texel, vec2 within, float share) {
@@ -38,35 +32,29 @@ vec4 choice(sampler2DArray own, sampler2DArray below, ivec3 texel, vec2 within, 
 
 void main() {
     ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
-#if BASE
-    ivec2 fine_size = imageSize(chosen);
-#else
-    ivec2 fine_size = imageSize(chosen_moments).xy;
-#endif
+    ivec2 fine_size = BASE == 1 ? imageSize(chosen) : imageSize(chosen_moments).xy;
     if (any(greaterThanEqual(texel, fine_size))) return;
     vec2 place = vec2(texel) + 0.5;
     float pool = pool_at(seen_at(place * float(1 << halvings)));
     // A texel's place in the coarser one, whose last texel may reach beyond an odd border.
     vec2 within = 0.5 * place / vec2((fine_size + 1) / 2);
     float share = beyond_lod(pool, halvings);
-#if BASE
-    vec4 base = vec4(0.0);
-    if (share < 1.0) base = texelFetch(fine, texel, 0);
-    if (share > 0.0) base = mix(base, textureLod(coarse, within, 0.0), share);
-    imageStore(chosen, texel, base);
-#endif
-#if POWERS
-    for (int layer = 0; layer < 3; ++layer) {
-        ivec3 at = ivec3(texel, layer);
-        imageStore(chosen_powers, at, choice(fine_powers, coarse_powers, at, within, share));
+    if (BASE == 1) {
+        vec4 base = vec4(0.0);
+        if (share < 1.0) base = texelFetch(fine, texel, 0);
+        if (share > 0.0) base = mix(base, textureLod(coarse, within, 0.0), share);
+        imageStore(chosen, texel, base);
     }
-#endif
-#if LAYERS
-    for (int layer = 0; layer < 2 * LAYERS; ++layer) {
-        ivec3 at = ivec3(texel, layer);
-        int level = layer / 2;
-        float part = beyond_lod(pool * exp2(float(-2 * level)), halvings - level);
-        imageStore(chosen_moments, at, choice(fine_moments, coarse_moments, at, within, part));
-    }
-#endif
+    if (POWERS == 1)
+        for (int layer = 0; layer < 3; ++layer) {
+            ivec3 at = ivec3(texel, layer);
+            imageStore(chosen_powers, at, choice(fine_powers, coarse_powers, at, within, share));
+        }
+    if (LAYERS > 0)
+        for (int layer = 0; layer < 2 * LAYERS; ++layer) {
+            ivec3 at = ivec3(texel, layer);
+            int level = layer / 2;
+            float part = beyond_lod(pool * exp2(float(-2 * level)), halvings - level);
+            imageStore(chosen_moments, at, choice(fine_moments, coarse_moments, at, within, part));
+        }
 }
