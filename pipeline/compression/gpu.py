@@ -19,7 +19,6 @@ from pipeline.errors import InputError
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import Flat
 from pipeline.foveation.picture_pass import (
-    TILE,
     PicturePass,
     PoolUniforms,
     halved,
@@ -44,26 +43,22 @@ class DecompressPass(PicturePass):
 
     def __init__(self, ctx: moderngl.Context, like: CompressedPicture) -> None:
         self._eye = PoolUniforms(Flat().of(*like.grid.size), Pooling(fovea_deg=0))
-        super().__init__(ctx, like.grid.size, self._eye)
         self._grid, self._maps = like.grid, like.map_grids()
-        self.levels = len(self._maps)
-        rows, columns = self._grid.shape
         density = self._grid.density
         first, span = self._grid.arc
-        self._polar = {
-            "WHOLE_TURN": self._grid.whole_turn,
+        constants: dict[str, Constant] = {
+            "CUBIC": CUBIC,
             "FIRST_RAD": first,
+            "KNEE_PX": density.knee_px,
             "LEFT_OUT_RAD": (2 * math.pi - span) / 2,
-            "TILE": TILE,
+            "START_PX": density.start_px,
+            "TURN_PX": density.turn_px,
+            "WHOLE_TURN": self._grid.whole_turn,
         }
-        self._cells = self._texture((rows, columns), "rgba8")
-        self._unfold = self._polar_shader(
-            "unfold",
-            CUBIC=CUBIC,
-            START_PX=density.start_px,
-            TURN_PX=density.turn_px,
-            KNEE_PX=density.knee_px,
-        )
+        super().__init__(ctx, like.grid.size, self._eye, constants)
+        self.levels = len(self._maps)
+        self._cells = self._texture(self._grid.shape, "rgba8")
+        self._unfold = self._polar_shader("unfold")
         self._base: moderngl.Texture | None = None
         if self.levels:
             self._base = self._texture(self.size)
@@ -124,7 +119,7 @@ class DecompressPass(PicturePass):
             target.release()
 
     def _polar_shader(self, name: str, **constants: Constant) -> Shader:
-        shader = self._shader(f"compression/{name}.comp.glsl", **self._polar, **constants)
+        shader = self._shader(f"compression/{name}.comp.glsl", **constants)
         shader["gaze_px"] = self._grid.gaze_px
         return shader
 

@@ -8,7 +8,7 @@ import moderngl
 
 from pipeline.features.reference import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
-from pipeline.foveation.picture_pass import TILE, PicturePass, PoolUniforms, resolutions
+from pipeline.foveation.picture_pass import PicturePass, PoolUniforms, resolutions
 from pipeline.gl.compute import Dispatch, Dispatches, Resource, Shader, of_int
 
 POWERS = 3  # layers of powers
@@ -61,10 +61,10 @@ class MomentChainPass(PicturePass):
     ) -> None:
         geometry = pooled.geometry
         size = geometry.width_px, geometry.height_px
-        super().__init__(ctx, size, pooled, wraps=geometry.wraps)
+        taps = {"WRAPS": geometry.wraps, "CHROMA": chroma, **low_constants(), **band_constants()}
+        super().__init__(ctx, size, pooled, taps, wraps=geometry.wraps)
         self.count = chain_length(*size)
         self.sizes = resolutions(size, self.count)
-        taps = {"TILE": TILE, "WRAPS": geometry.wraps, **low_constants(), **band_constants()}
         has_powers = levels > 0 and chroma
         self.pulled = ResolutionTextures(
             [self._texture(size) for size in self.sizes[1:]],
@@ -81,14 +81,7 @@ class MomentChainPass(PicturePass):
             (r < levels, min(r, levels), min(r, 2) if has_powers else 0) for r in range(self.count)
         ]
         made = {
-            (own, older, powers): self._shader(
-                "foveation/shaders/pull.comp.glsl",
-                CHROMA=chroma,
-                OWN=own,
-                OLDER=older,
-                POWERS=powers,
-                **taps,
-            )
+            (own, older, powers): self._compile("pull", OWN=own, OLDER=older, POWERS=powers)
             for own, older, powers in dict.fromkeys(pulled)
         }
         pulls = [made[key] for key in pulled]

@@ -26,7 +26,7 @@ from pipeline.foveation.displacement import (
 )
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.gpu import Call, FoveationPass
-from pipeline.foveation.picture_pass import TILE, PicturePass, PoolUniforms, halved, resolutions
+from pipeline.foveation.picture_pass import PicturePass, PoolUniforms, halved, resolutions
 from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.pooling import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.sphere import FINEST
@@ -134,19 +134,19 @@ class _FlatField(PicturePass):
         settings: DisplacementSettings,
         warped: moderngl.Texture,
     ) -> None:
-        super().__init__(ctx, warped.size, pooled)
-        self._count = count = chain_length(*self.size)
-        least = {"LEAST_VARIANCE": LEAST_SMOOTHNESS_PX**2 / HALVED_VARIANCE}
-        push = self._compile("field", **least)
-        displace = self._compile("displace", REACH=REACH, CUBIC=CUBIC, HALVINGS=count, **least)
-        self._white = self._shader(
-            "foveation/shaders/field_white.comp.glsl",
-            TILE=TILE,
-            WHITE_BITS=WHITE_BITS,
-            WHITE_DEVIATION=WHITE_DEVIATION,
-        )
-        self._halve = self._shader(
-            "foveation/shaders/field_halve.comp.glsl", TILE=TILE, **low_constants()
+        count = chain_length(*warped.size)
+        constants: dict[str, Constant] = {
+            "CUBIC": CUBIC,
+            "HALVINGS": count,
+            "LEAST_VARIANCE": LEAST_SMOOTHNESS_PX**2 / HALVED_VARIANCE,
+            "REACH": REACH,
+            "WHITE_BITS": WHITE_BITS,
+            "WHITE_DEVIATION": WHITE_DEVIATION,
+            **low_constants(),
+        }
+        super().__init__(ctx, warped.size, pooled, constants)
+        push, displace, self._white, self._halve = (
+            self._compile(name) for name in ("field", "displace", "field_white", "field_halve")
         )
         self._set(smoothness=settings.smoothness, reach=settings.reach)
         displace["energies"] = np.array(white_energies(count + 2), np.float32)
@@ -223,7 +223,8 @@ class _Match(PicturePass):
     def __init__(self, ctx: moderngl.Context, pooled: PoolUniforms, levels: int) -> None:
         geometry = pooled.geometry
         size = geometry.width_px, geometry.height_px
-        super().__init__(ctx, size, pooled, wraps=geometry.wraps)
+        constants = {**MATCH_CONSTANTS, **band_constants(), "WRAPS": geometry.wraps}
+        super().__init__(ctx, size, pooled, constants, wraps=geometry.wraps)
         self._true, self._own = (
             self._part(MomentChainPass(ctx, pooled, levels, 0, chroma=False)) for _ in range(2)
         )
@@ -232,18 +233,9 @@ class _Match(PicturePass):
         # By resolution less 1: the finest is the join's.
         self._difference = [self._texture(size, "rgba16f") for size in self._true.sizes[1:]]
         self._change = [self._texture(size, "rgba16f") for size in self._true.sizes[1:levels]]
-        taps = band_constants()
         keys = [(r < levels, r == self._count) for r in range(1, self._count + 1)]
         made = {
-            (is_level, deepest): self._compile(
-                "match",
-                LEVEL=is_level,
-                DEEPEST=deepest,
-                WRAPS=geometry.wraps,
-                **MATCH_CONSTANTS,
-                ORIENTED_EDGE=taps["ORIENTED_EDGE"],
-                ORIENTED_CORNER=taps["ORIENTED_CORNER"],
-            )
+            (is_level, deepest): self._compile("match", LEVEL=is_level, DEEPEST=deepest)
             for is_level, deepest in dict.fromkeys(keys)
         }
         self._steps = [

@@ -202,7 +202,7 @@ def page_passes(
         ),
         "weights",
         {**{f"moments[{r - 1}]": chosen("moments", r) for r in range(1, last + 1)},
-         **{f"powers[{r - 2}]": chosen("powers", r) for r in range(2, min(3, count) + 1) if chroma}},
+         **{f"powers[{r - 2}]": chosen("powers", r) for r in range(2, last + 1)[:2] if chroma}},
         pooled.fixed,
     )  # fmt: skip
     push(1)

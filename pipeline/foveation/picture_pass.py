@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import moderngl
@@ -110,19 +111,18 @@ class PicturePass(Pass):
         ctx: moderngl.Context,
         size: Size,
         pooled: PoolUniforms,
+        constants: Mapping[str, Constant] | None = None,
         *,
         wraps: bool = False,
     ) -> None:
-        super().__init__(ctx)
+        super().__init__(ctx, {"TILE": TILE, **pooled.constants, **(constants or {})})
         self.size = size
         self._pooled = pooled
         self._wraps = wraps
 
     def _compile(self, name: str, **constants: Constant) -> Shader:
         """Compile a shader of foveation that knows the pools."""
-        path = f"foveation/shaders/{name}.comp.glsl"
-        known = self._pooled.constants
-        return self._pooled.tell(self._shader(path, TILE=TILE, **known, **constants))
+        return self._pooled.tell(self._shader(f"foveation/shaders/{name}.comp.glsl", **constants))
 
     def _texture(self, size: Size, format_name: str = "rgba32f") -> moderngl.Texture:
         """A texture that goes on as the picture does."""

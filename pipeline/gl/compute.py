@@ -128,8 +128,10 @@ class Shader:
     ----------
     path : str
         In the package `pipeline`.
+    known : mapping, optional
+        Constants that it takes where it declares them, as the twin's module has them.
     constants
-        Of every ``#constant``; see `flatten`.
+        Of every other ``#constant``; see `flatten`.
 
     Raises
     ------
@@ -139,8 +141,15 @@ class Shader:
         If the context has no compute shaders.
     """
 
-    def __init__(self, ctx: moderngl.Context, path: str, **constants: Constant) -> None:
-        self._compile(ctx, flatten(path, constants))
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        path: str,
+        known: Mapping[str, Constant] | None = None,
+        /,
+        **constants: Constant,
+    ) -> None:
+        self._compile(ctx, flatten(path, constants, known=known))
 
     @classmethod
     def of(cls, ctx: moderngl.Context, source: ShaderSource) -> Self:

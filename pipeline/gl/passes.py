@@ -1,6 +1,6 @@
 """Base of every pass on the GPU: it owns what it made."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Protocol, TypeVar
 
 import moderngl
@@ -23,10 +23,19 @@ P = TypeVar("P", bound=PassPart)
 
 
 class Pass:
-    """Shaders, textures, buffers and parts of a pass, made through it and freed together."""
+    """Shaders, textures, buffers and parts of a pass, made through it and freed together.
 
-    def __init__(self, ctx: moderngl.Context) -> None:
+    Parameters
+    ----------
+    constants : mapping, optional
+        Constants that each shader takes where it declares them: often all names of its twin.
+    """
+
+    def __init__(
+        self, ctx: moderngl.Context, constants: Mapping[str, Constant] | None = None
+    ) -> None:
         self._ctx = ctx
+        self._constants = constants
         self._shaders: list[Shader] = []
         self._textures: list[Texture] = []
         self._buffers: list[moderngl.Buffer] = []
@@ -53,7 +62,7 @@ class Pass:
             rest.clear()
 
     def _shader(self, path: str, **constants: Constant) -> Shader:
-        shader = Shader(self._ctx, path, **constants)
+        shader = Shader(self._ctx, path, self._constants, **constants)
         self._shaders.append(shader)
         return shader
 

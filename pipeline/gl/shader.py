@@ -64,9 +64,17 @@ def compile_source(ctx: moderngl.Context, source: ShaderSource) -> moderngl.Comp
 
 
 def flatten(
-    path: str, constants: Mapping[str, Constant], root: Traversable | None = None
+    path: str,
+    constants: Mapping[str, Constant],
+    root: Traversable | None = None,
+    *,
+    known: Mapping[str, Constant] | None = None,
 ) -> ShaderSource:
-    """Resolve includes and constants of the shader `path` in `root`, by default the package."""
+    """Resolve includes and constants of the shader `path` in `root`, by default the package.
+
+    It must declare all of `constants`; of `known` it takes what else it declares.
+    """
+    values = {**(known or {}), **constants}
     folder = resources.files("pipeline") if root is None else root
     lines: list[str] = []
     written: list[str] = []  # the same without our own #define lines
@@ -84,12 +92,12 @@ def flatten(
                 continue
             if match := _CONSTANT.match(line):
                 key = match[1]
-                if key not in constants:
+                if key not in values:
                     raise ShaderError(
                         f"{name}:{number}: constant {key} has no value; pass {key}=..."
                     )
                 declared[key] = (name, number)
-                line = f"#define {key} {_literal(key, constants[key])}"
+                line = f"#define {key} {_literal(key, values[key])}"
             else:
                 written.append(line)
             lines.append(line)
@@ -100,8 +108,8 @@ def flatten(
     for key in constants:
         if key not in declared:
             raise ShaderError(f"{path}: no '#constant {key}' in it or its includes; remove {key}=")
+    for key, (name, number) in declared.items():
         if not re.search(rf"\b{key}\b", code):
-            name, number = declared[key]
             raise ShaderError(f"{name}:{number}: constant {key} is never used")
     return ShaderSource("\n".join(lines) + "\n", tuple(origin))
 

@@ -106,33 +106,30 @@ class GuidedChainPass(Pass):
         gamma: float,
         depth_threshold: float,
     ) -> None:
-        super().__init__(ctx)
-        self._resolutions = resolutions = guide.resolutions
+        resolutions = guide.resolutions
+        relaxed = RELAXED_RESOLUTIONS if is_base else 0
+        constants = {
+            "CHAIN_TEXELS": resolutions.tail_texels,
+            "GAMMA": float(gamma),
+            "GROUP": TAIL_GROUP,
+            "IS_BASE": is_base,
+            "IS_FINEST": False,
+            "MOST_CHAINS": MAX_LEVELS,
+            "PLANES": planes,
+            "RELAXED": max(0, relaxed - resolutions.top),
+            "TILE": CELL,
+        }
+        super().__init__(ctx, constants)
+        self._resolutions = resolutions
         self._lists = lists
         self._guide = guide
         self._is_base = is_base
-        self._relaxed = RELAXED_RESOLUTIONS if is_base else 0
-        self._pull = self._shader(
-            "inpaint/pull.comp.glsl",
-            IS_BASE=is_base,
-            TILE=CELL,
-            PLANES=planes,
-            MOST_CHAINS=MAX_LEVELS,
-        )
-        self._push = self._shader("inpaint/push.comp.glsl", PLANES=planes, GAMMA=float(gamma))
-        self._tail = self._shader(
-            "inpaint/tail.comp.glsl",
-            GROUP=TAIL_GROUP,
-            CHAIN_TEXELS=resolutions.tail_texels,
-            PLANES=planes,
-            MOST_CHAINS=MAX_LEVELS,
-            RELAXED=max(0, self._relaxed - resolutions.top),
-            GAMMA=float(gamma),
+        self._relaxed = relaxed
+        self._pull, self._push, self._tail = (
+            self._shader(f"inpaint/{name}.comp.glsl") for name in ("pull", "push", "tail")
         )
         if is_base:
-            self._relax = self._shader(
-                "inpaint/relax.comp.glsl", IS_FINEST=False, GAMMA=float(gamma)
-            )
+            self._relax = self._shader("inpaint/relax.comp.glsl")
         self._set(depth_threshold=depth_threshold)
         self._hold(**lists.shared)
         self._finest = 1 if is_base else FIRST_STORED

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import create_texture, texture_from
-from pipeline.plate.reference import COLOUR_STEPS, READ_SHARE, SUBPIXELS, WRITE_SHARE, margin_px
+from pipeline.plate import reference
 
 ROW = 64  # work-group size, pixels in a row
 NOBODY = 0xFFFFFFFF  # claims a texel
@@ -38,11 +38,9 @@ class PlatePass(Pass):
         weight: float = 1.0,
         overwrites: bool = False,
     ) -> None:
-        super().__init__(ctx)
-        steps = {"ROW": ROW, "SUBPIXELS": SUBPIXELS, "STEPS": COLOUR_STEPS}
-        steps |= {"READ_SHARE": READ_SHARE, "WRITE_SHARE": WRITE_SHARE}
+        super().__init__(ctx, {**vars(reference), "ROW": ROW, "STEPS": reference.COLOUR_STEPS})
         self._recall, self._show, self._keep = (
-            self._shader(f"plate/{name}.comp.glsl", **steps) for name in ("recall", "show", "keep")
+            self._shader(f"plate/{name}.comp.glsl") for name in ("recall", "show", "keep")
         )
         self._set(
             same_surface=float(np.float32(1 - depth_threshold)),
@@ -97,7 +95,7 @@ class PlateTextures:
         self.held = {}
 
     def _begin(self, size: tuple[int, int]) -> None:
-        self.margin_px = margin_px(size)
+        self.margin_px = reference.margin_px(size)
         width, height = (length + 2 * self.margin_px for length in size)
         nothing = np.zeros((height, width), np.float32)
         nobody = np.full(height * width, NOBODY, np.uint32)

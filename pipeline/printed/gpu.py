@@ -43,35 +43,29 @@ class PrintedPass(Pass):
     """
 
     def __init__(self, ctx: moderngl.Context, size: Size, settings: PrintedSettings) -> None:
-        super().__init__(ctx)
+        constants = {"TILE": TILE, "NOISE_TILE": NOISE_TILE, "ANCHOR_REACH_PX": ANCHOR_REACH_PX}
+        super().__init__(ctx, {**low_constants(), **band_constants(), **constants})
         check_size(ctx, _stacked(size, BANDS))
         self.size = size
         self.settings = settings
         levels = settings.levels
-        taps, bands = low_constants(), {"TILE": TILE, **band_constants()}
-        outer = {name: taps[name] for name in ("LOW_MIXED", "LOW_OUTER")}
-        self._split = self._shader("printed/split.comp.glsl", TILE=TILE)
-        self._halve = self._shader("printed/halve.comp.glsl", TILE=TILE, **taps)
-        moments = "printed/moments.comp.glsl"
-        self._measure = self._shader(moments, RESIDUAL=False, **bands)
-        self._residual = self._shader(moments, RESIDUAL=True, **bands)
+        self._split, self._halve, self._synthesise, self._shade, self._compose = (
+            self._shader(f"printed/{name}.comp.glsl")
+            for name in ("split", "halve", "synthesise", "shade", "compose")
+        )
+        self._measure, self._residual = (
+            self._shader("printed/moments.comp.glsl", RESIDUAL=residual)
+            for residual in (False, True)
+        )
         self._pull, self._push = (
             {
                 (columns, rows): self._shader(
-                    f"printed/{step}.comp.glsl", TILE=TILE, COLUMNS=columns, ROWS=rows
+                    f"printed/{step}.comp.glsl", COLUMNS=columns, ROWS=rows
                 )
                 for columns, rows in (BANDS, SINGLE)
             }
             for step in ("pull", "push")
         )
-        self._synthesise = self._shader("printed/synthesise.comp.glsl", **outer, **bands)
-        self._shade = self._shader(
-            "printed/shade.comp.glsl",
-            TILE=TILE,
-            NOISE_TILE=NOISE_TILE,
-            ANCHOR_REACH_PX=ANCHOR_REACH_PX,
-        )
-        self._compose = self._shader("printed/compose.comp.glsl", TILE=TILE)
         self._set(depth_threshold=settings.depth_threshold, gamma=settings.gamma)
 
         sizes = [size, *coarser_sizes(size)]

@@ -12,10 +12,9 @@ import numpy as np
 
 from pipeline.features.reference import band_constants, low_constants
 from pipeline.gl.passes import Pass
-from pipeline.gl.shader import Constant
 from pipeline.inpaint.gpu import MOMENT_PLANES, GuidedBasePass, GuidedChainPass
 from pipeline.inpaint.regions import CELL, FIRST_STORED, HALVED_TILE, LIST_GROUP
-from pipeline.statistics.moments import KNOWN_ENOUGH, LAPLACE, SMALLEST_VARIANCE
+from pipeline.statistics import moments
 
 BANDS = 3  # high, along x, along y: so many texels side by side
 
@@ -45,9 +44,17 @@ class VariancePass(Pass):
         depth_threshold: float,
         skip_depth_edges: bool,
     ) -> None:
-        super().__init__(ctx)
+        constants = {
+            **vars(moments),
+            **band_constants(),
+            "PLANES": MOMENT_PLANES,
+            "CROSS": cross,
+            "SKIP_DEPTH_EDGES": skip_depth_edges,
+            "TILE": CELL // 2,
+            "GAMMA": float(gamma),
+        }
+        super().__init__(ctx, constants)
         self._base = base
-        self._levels = levels
         sizes = base.resolutions.sizes[1 : levels + 1]
         # Level 0 above, the others side by side below it.
         corners = [(0, 0)]
@@ -71,34 +78,14 @@ class VariancePass(Pass):
                 depth_threshold=depth_threshold,
             )
         )
-        bands = {
-            **band_constants(),
-            "PLANES": MOMENT_PLANES,
-            "CROSS": cross,
-            "SKIP_DEPTH_EDGES": skip_depth_edges,
-        }
         # For coarser levels, and for the finest.
-        self._first = [
-            self._shader(
-                "statistics/moments_first.comp.glsl",
-                IS_FINEST=finest,
-                TILE=CELL // 2,
-                **bands,
-            )
-            for finest in (False, True)
-        ]
-        self._lacking = [
-            self._shader(
-                "statistics/lacking.comp.glsl",
-                IS_FINEST=finest,
-                KNOWN_ENOUGH=KNOWN_ENOUGH,
-                SMALLEST_VARIANCE=SMALLEST_VARIANCE,
-                LAPLACE=LAPLACE,
-                GAMMA=float(gamma),
-                **bands,
-            )
-            for finest in (False, True)
-        ]
+        self._first, self._lacking = (
+            [
+                self._shader(f"statistics/{name}.comp.glsl", IS_FINEST=finest)
+                for finest in (False, True)
+            ]
+            for name in ("moments_first", "lacking")
+        )
         self._set(depth_threshold=depth_threshold)
         self._hold(**base.lists.shared)
 
@@ -112,9 +99,9 @@ class VariancePass(Pass):
             shader = self._first[k == 0]
             shader["halves_list"] = lists.appendable(("halves", k))
             shader["incomplete_list"] = lists.appendable(("moments", k + FIRST_STORED))
-            moments = self.chain.at(k + FIRST_STORED)
+            own = self.chain.at(k + FIRST_STORED)
             seen = self._seen(k, level, depth_m)
-            lists.run(shader, ("first", k), k + FIRST_STORED, moments=moments, **seen)
+            lists.run(shader, ("first", k), k + FIRST_STORED, moments=own, **seen)
         self.chain()
         for k, level in enumerate(levels):
             shader = self._lacking[k == 0]
@@ -164,11 +151,11 @@ class LowBandPass(Pass):
         skip_depth_edges: bool = False,
         depth_threshold: float = 0.04,
     ) -> None:
-        super().__init__(ctx)
+        super().__init__(ctx, {**low_constants(), "MIXED": MIXED})
         self._lists = base.lists
         sizes = base.resolutions.sizes
         self._coarser = [self._texture(sizes[k], "rgba32f") for k in range(1, levels)]
-        self._halve = self._shader(LOWPASS, **_constants(CELL, depth_edges=False))
+        self._halve = self._shader(LOWPASS, TILE=CELL, DEPTH_EDGES=False)
         self._hold(**base.lists.shared)
         self._first = None
         if skip_depth_edges and levels > 1:
@@ -196,14 +183,16 @@ class _FirstHalving(Pass):
     """
 
     def __init__(self, ctx: moderngl.Context, base: GuidedBasePass, depth_threshold: float) -> None:
-        super().__init__(ctx)
+        constants = {"HALVED_TILE": HALVED_TILE, "TILE": HALVED_TILE, "MIXED": MIXED}
+        super().__init__(ctx, {**low_constants(), **constants})
         self._base = base
-        self._find = self._shader("statistics/depth_edges.comp.glsl", HALVED_TILE=HALVED_TILE)
+        self._find = self._shader("statistics/depth_edges.comp.glsl")
         self._find["jumps_list"] = base.lists.appendable(("jumps", 2))
         self._find["plain_list"] = base.lists.appendable(("plain", 2))
         self._find["source_region"] = base.lists.region(("source", 3))
-        self._plain = self._shader(LOWPASS, **_constants(HALVED_TILE, depth_edges=False))
-        self._jumps = self._shader(LOWPASS, **_constants(HALVED_TILE, depth_edges=True))
+        self._plain, self._jumps = (
+            self._shader(LOWPASS, DEPTH_EDGES=edges) for edges in (False, True)
+        )
         self._set(depth_threshold=depth_threshold)
         self._hold(**base.lists.shared)
 
@@ -221,7 +210,3 @@ class _FirstHalving(Pass):
         lists.run(self._plain, ("plain", 2), fine=fine, coarse=coarse)
         self._jumps["z_near_m"] = z_near_m
         lists.run(self._jumps, ("jumps", 2), fine=fine, coarse=coarse, depth_m=depth_m)
-
-
-def _constants(tile: int, *, depth_edges: bool) -> dict[str, Constant]:
-    return {"TILE": tile, "MIXED": MIXED, "DEPTH_EDGES": depth_edges, **low_constants()}

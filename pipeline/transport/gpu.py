@@ -35,7 +35,7 @@ class TransportPass(Pass):
     def __init__(
         self, ctx: moderngl.Context, size: tuple[int, int], settings: TransportSettings
     ) -> None:
-        super().__init__(ctx)
+        super().__init__(ctx, {**vars(fixed), "ROW": ROW})
         self.size = size
         self._base = self._part(
             GuidedBasePass(
@@ -47,32 +47,12 @@ class TransportPass(Pass):
             )
         )
         self.lists = self._base.lists
-        around = {"RADIUS_PX": fixed.RADIUS_PX}
         foveated = settings.fovea_deg > 0
-        self._gradients = self._shader("transport/gradients.comp.glsl", ROW=ROW)
-        self._begin = self._shader("transport/begin.comp.glsl", **around)
-        self._tensors = self._shader(
-            "transport/tensors.comp.glsl",
-            REACH_PX=fixed.TENSOR_REACH_PX,
-            STEP_PX=fixed.TENSOR_STEP_PX,
-            DEVIATION_PX=fixed.TENSOR_PX,
+        self._gradients, self._begin, self._tensors, self._shell = (
+            self._shader(f"transport/{name}.comp.glsl")
+            for name in ("gradients", "begin", "tensors", "shell")
         )
-        self._shell = self._shader(
-            "transport/shell.comp.glsl",
-            CARRY_PX=fixed.CARRY_PX,
-            COHERENCE=fixed.COHERENCE,
-            FAINT=fixed.FAINT,
-            LEAST_DIFFERENCE=fixed.LEAST_DIFFERENCE,
-            **around,
-        )
-        self._finish = self._shader(
-            "transport/finish.comp.glsl",
-            NEAR_SHARE=fixed.NEAR_SHARE,
-            THIN_PX=fixed.THIN_PX,
-            FOVEATED=foveated,
-            WIDE_PX=fixed.WIDE_PX,
-            **around,
-        )
+        self._finish = self._shader("transport/finish.comp.glsl", FOVEATED=foveated)
         self._begin["shell_list"] = self.lists.appendable(("shell", 0))
         self._begin["band_list"] = self.lists.appendable(("band", 0))
         self._set(depth_threshold=settings.depth_threshold, share=settings.share)

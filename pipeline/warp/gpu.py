@@ -11,6 +11,7 @@ from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.context import describe
 from pipeline.gl.passes import Pass
+from pipeline.gl.shader import Constant
 from pipeline.gl.texture import format_of, texture_from
 from pipeline.warp import reference
 from pipeline.warp.settings import TargetWindow, WarpSettings, checked_motion
@@ -60,43 +61,36 @@ class WarpPass(Pass):
         window: TargetWindow | None = None,
         settings: WarpSettings = WarpSettings(),  # noqa: B008 (frozen)
     ) -> None:
-        super().__init__(ctx)
         self.window = window or TargetWindow(0, 0, *source_size)
         _check_fits(ctx, source_size, self.window)
         self.source_size = source_size
         self.settings = settings
         self._mesh = _mesh_size(source_size)
-        extend = settings.variant == "full"
         lanes = SOFTWARE_LANES if describe(ctx).software else LANES
-        self._small = self._shader(
-            "warp/small.comp.glsl", ROW=ROW, MOST_GROUPS=MOST_GROUPS, SMALL=SMALL, EXTEND=extend
-        )
-        self._classify = self._shader(
-            "warp/classify.comp.glsl",
-            LANES=lanes,
-            ROW=ROW,
-            MOST_GROUPS=MOST_GROUPS,
-            SURFACE_PX=settings.surface_px,
-        )
-        self._large = self._shader(
-            "warp/large.comp.glsl",
-            LANES=lanes,
-            SMEAR=settings.variant == "smear",
-            HIDE=settings.variant == "remove",
+        constants: dict[str, Constant] = {
+            "ALIKE_PX": settings.alike_px(self.window),
+            "EXTEND": settings.variant == "full",
+            "HIDE": settings.variant == "remove",
+            "LANES": lanes,
+            "MOST_GROUPS": MOST_GROUPS,
+            "RIM_PX": settings.rim_px,
+            "ROW": ROW,
+            "SMALL": SMALL,
+            "SMEAR": settings.variant == "smear",
+            "SURFACE_PX": settings.surface_px,
+            "TILE": TILE,
+        }
+        super().__init__(ctx, constants)
+        self._small, self._classify, self._large, self._continue = (
+            self._shader(f"warp/{name}.comp.glsl")
+            for name in ("small", "classify", "large", "continue")
         )
         self._resolve, self._left = (
-            self._shader("warp/resolve.comp.glsl", GROUP=group, EXTEND=extend, LEFT=left)
+            self._shader("warp/resolve.comp.glsl", GROUP=group, LEFT=left)
             for group, left in ((ROW, False), (lanes, True))
         )
-        self._continue = self._shader("warp/continue.comp.glsl", LANES=lanes)
         self._rim = [
-            self._shader(
-                "warp/rim.comp.glsl",
-                TILE=TILE,
-                CLEAR=clear,
-                RIM_PX=settings.rim_px,
-                ALIKE_PX=settings.alike_px(self.window),
-            )
+            self._shader("warp/rim.comp.glsl", CLEAR=clear)
             for clear in ((False, True) if settings.rim_px > 0 else ())
         ]
         width, height = self.window.width_px, self.window.height_px
