@@ -22,12 +22,7 @@ from pipeline.foveation.geometry import (
     Geometry,
     check_gaze,
 )
-from pipeline.foveation.noise_plane import (
-    GRAIN,
-    MOST_STEPS,
-    panorama_margin,
-    tile_edge,
-)
+from pipeline.foveation.noise_plane import GRAIN, MOST_STEPS, panorama_margin, tile_edge
 from pipeline.foveation.pooled_moments import (
     BOUND_CONSTANTS,
     LEAST_BOUND,

@@ -22,14 +22,7 @@ from numpy.typing import NDArray
 from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError, note
 from pipeline.frame import check_colour
-from pipeline.pictures.channels import (
-    Channels,
-    alpha_of,
-    colour_layer,
-    light_of,
-    need,
-    told_name,
-)
+from pipeline.pictures.channels import Channels, alpha_of, colour_layer, light_of, need, told_name
 from pipeline.pictures.decode import (
     StoredPixels,
     as_floats,

@@ -23,20 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError, note
-from pipeline.frame import (
-    Bools,
-    Floats,
-    check_depth,
-)
-from pipeline.pictures.channels import (
-    EMPTY_DEPTH,
-    lone_plane,
-)
-from pipeline.pictures.decode import (
-    check_numbers,
-    read_parts,
-    read_pixels,
-)
+from pipeline.frame import Bools, Floats, check_depth
+from pipeline.pictures.channels import EMPTY_DEPTH, lone_plane
+from pipeline.pictures.decode import check_numbers, read_parts, read_pixels
 from pipeline.pictures.header import check_fits, count_pictures
 from pipeline.pictures.size_limits import check_need, check_values
 from protocols.outside import check_zip, reading

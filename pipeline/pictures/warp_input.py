@@ -20,14 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
-from pipeline.frame import (
-    NO_DEPTH,
-    Floats,
-    SourceFrame,
-    check_depth,
-    check_file_size,
-    check_flow,
-)
+from pipeline.frame import NO_DEPTH, Floats, SourceFrame, check_depth, check_file_size, check_flow
 from pipeline.pictures.channels import (
     Channels,
     channel_value,
@@ -46,9 +39,7 @@ from pipeline.pictures.colour_file import (
     load_colour,
     stored_transfer,
 )
-from pipeline.pictures.decode import (
-    read_parts,
-)
+from pipeline.pictures.decode import read_parts
 from pipeline.pictures.depth_and_flow import (
     DEPTH_UNIT,
     DepthIs,

@@ -16,11 +16,7 @@ from pipeline.noise.gains import LAGS
 from pipeline.noise.tile import TEXELS_PER_PX, TILE_TEXELS, noise_bands
 from pipeline.statistics.gpu import BANDS, LowBandPass, VariancePass
 from pipeline.synthesis.reference import SMALLEST_LACKING
-from pipeline.synthesis.settings import (
-    ANCHOR_REACH_PX,
-    MetamericSettings,
-    check_source_from_target,
-)
+from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_source_from_target
 
 _ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
 

@@ -16,11 +16,7 @@ from pipeline.frame import Floats, WarpedFrame, check_seed, check_some_known
 from pipeline.inpaint.reference import GuidedLevel, guide_from_depth, guided_base, guided_mean
 from pipeline.noise.tile import NoiseBands, look_up, noise_bands
 from pipeline.statistics.reference import inpainted_statistics
-from pipeline.synthesis.settings import (
-    ANCHOR_REACH_PX,
-    MetamericSettings,
-    check_source_from_target,
-)
+from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_source_from_target
 
 SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its own root
 
