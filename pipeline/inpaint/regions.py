@@ -96,7 +96,6 @@ class _List:
     index: int
     resolution: int
     first: int  # with `DOWNWARDS`, the last of its room
-    capacity: int
 
 
 @dataclass(frozen=True)
@@ -226,14 +225,6 @@ class WorkLists(Pass):
         self._counts.write(found + empty, offset=stride * first)
         return any(found[-4:])
 
-    def _read(self, buffer: moderngl.Buffer) -> NDArray[np.uint32]:
-        """Read back what shaders wrote, through a copy as `carry_shells` does."""
-        copy = self._ctx.buffer(reserve=buffer.size)
-        self._ctx.copy_buffer(copy, buffer)
-        found = np.frombuffer(copy.read(), np.uint32)
-        copy.release()
-        return found
-
     def appendable(self, key: Key) -> tuple[int, int]:
         """Index and first entry of a list by pixel: what a pass needs to append to it."""
         item = self._lists[key]
@@ -256,18 +247,6 @@ class WorkLists(Pass):
         if resolution == chain + FIRST_STORED:
             return self.region(("chain", chain, chain + 1), resolution)
         return self.region(("chain", chain, resolution))
-
-    def entry_counts(self) -> dict[Key, tuple[int, int]]:
-        """Counts of every list of the last frame: (entries, entries there could be). Reads back."""
-        counts = self._read(self._counts).reshape(-1, 4)[:, 3]
-        return {key: (int(counts[i.index]), i.capacity) for key, i in self._lists.items()}
-
-    def entries(self, key: Key) -> NDArray[np.uint32]:
-        """A list of the last frame: rows of (row, column, chain), in any order. Reads back."""
-        item = self._lists[key]
-        count, _ = self.entry_counts()[key]
-        packed = self._read(self._entries)[item.first : item.first + count]
-        return np.stack([packed >> 14 & 0x3FFF, packed & 0x3FFF, packed >> 28], axis=-1)
 
     def _columns(self, resolution: int) -> int:
         """Tiles per row of a resolution."""
@@ -324,7 +303,7 @@ class WorkLists(Pass):
 
         def plan(key: Key, resolution: int, capacity: int) -> None:
             nonlocal first
-            self._lists[key] = _List(len(self._lists), resolution, first, capacity)
+            self._lists[key] = _List(len(self._lists), resolution, first)
             first += capacity
 
         for region in self._regions.values():
@@ -344,9 +323,9 @@ class WorkLists(Pass):
         if shells:
             pixels = self.sizes[0][0] * self.sizes[0][1]
             ends = first, DOWNWARDS + first + pixels - 1
-            self._lists["band", 0] = _List(len(self._lists), 0, ends[1], pixels)
+            self._lists["band", 0] = _List(len(self._lists), 0, ends[1])
             for k in range(SHELLS + 1):
-                self._lists["shell", k] = _List(len(self._lists), 0, ends[k % 2], pixels)
+                self._lists["shell", k] = _List(len(self._lists), 0, ends[k % 2])
             first += pixels
         plan(("holes", 1), 1, self.sizes[1][0] * self.sizes[1][1])
         return first

@@ -15,6 +15,7 @@ from pipeline.inpaint.regions import (
     STATISTICS_RINGS,
     source_resolution,
 )
+from tests.helpers.work_lists import entries_of, entry_counts
 
 ROUNDOFF = 2.0**-24  # of one float32 operation
 THRESHOLD = 0.04
@@ -250,7 +251,7 @@ def places(mask):
 
 def listed(base, key):
     """Give the entries of a list, of which there must be none twice."""
-    entries = base.lists.entries(key)
+    entries = entries_of(base.lists, key)
     found = {tuple(int(part) for part in entry) for entry in entries}
     assert len(found) == len(entries)
     return found
@@ -273,7 +274,7 @@ def test_a_list_has_as_many_work_groups_as_its_entries_need(fill, rng):
     groups = np.frombuffer(lists._counts.read(), np.uint32).reshape(-1, 4)[:, :3]
     per_group = {"holes": 64, "base": 64, "source": 1, "first": 4, "pulled": 1}
     seen = 0
-    for (key, (entries, _)), (x, y, z) in zip(lists.entry_counts().items(), groups, strict=True):
+    for (key, entries), (x, y, z) in zip(entry_counts(lists).items(), groups, strict=True):
         if key[0] in per_group:
             assert (x, y, z) == (-(-entries // per_group[key[0]]), 1, 1), key
             seen += entries > 64
@@ -292,7 +293,7 @@ def test_more_holes_than_work_groups_in_a_row(fill):
 
     filled = fill(scene)
 
-    assert filled.base.lists.entry_counts()[("holes", 1)][0] == 64 * 32768 + 1
+    assert entry_counts(filled.base.lists)[("holes", 1)] == 64 * 32768 + 1
     np.testing.assert_allclose(filled.image[..., :3], colour, rtol=0, atol=tolerance(size, 0.25))
 
 

@@ -16,6 +16,7 @@ from pipeline.inpaint.regions import SHELLS, WorkLists
 from pipeline.methods.registry import create_method
 from pipeline.transport.gpu import TransportPass
 from pipeline.transport.reference import LEFT_OUT, UNREACHED, TransportSettings, transport_fill
+from tests.helpers.work_lists import entries_of, entry_counts
 
 Z_NEAR_M = 1.0
 ATOL = 2.0**-14  # float32 over a hundred shells: a sixty-fourth of an 8-bit step
@@ -239,6 +240,6 @@ def test_lists_are_read_through_a_copy(gl_context):
     for name in ("_counts", "_entries", "_active"):
         setattr(lists, name, Unread(getattr(lists, name)))
     made()
-    assert lists.entry_counts()["holes", 1][0] > 0
-    assert len(lists.entries(("holes", 1))) > 0
+    assert entry_counts(lists)["holes", 1] > 0
+    assert len(entries_of(lists, ("holes", 1))) > 0
     made.release()
