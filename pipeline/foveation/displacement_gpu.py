@@ -108,12 +108,7 @@ class DisplacementPass(FoveationPass):
     def _spare(self) -> None:
         self._field.release()
 
-    def _finish(
-        self,
-        source: moderngl.Texture,
-        target: moderngl.Texture,
-        call: Call,  # noqa: ARG002
-    ) -> None:
+    def _finish(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:  # noqa: ARG002
         self._join.run(source, target)
 
     def _displace(self, source: moderngl.Texture, call: Call) -> None:

@@ -239,12 +239,7 @@ class BlurPass(FoveationPass):
     def _spare(self) -> None:
         self._chain.release_but(self._chain.chosen.lows[:1])
 
-    def _finish(
-        self,
-        source: moderngl.Texture,
-        target: moderngl.Texture,
-        call: Call,  # noqa: ARG002
-    ) -> None:
+    def _finish(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:  # noqa: ARG002
         self._finish_steps.run(source, target)
 
 

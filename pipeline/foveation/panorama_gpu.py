@@ -95,12 +95,7 @@ class PanoramaPass(FoveationPass):
         for made in self._inner:
             made.release()
 
-    def _finish(
-        self,
-        source: moderngl.Texture,
-        target: moderngl.Texture,
-        call: Call,  # noqa: ARG002
-    ) -> None:
+    def _finish(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:  # noqa: ARG002
         self._join.run(source, target)
 
 

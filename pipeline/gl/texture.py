@@ -5,7 +5,7 @@ and the pass hosts. Row 0 of an array is texel row 0.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import moderngl
 import numpy as np
@@ -47,6 +47,8 @@ FORMATS = {
     )
 }
 _BY_DTYPE = {(fmt.components, fmt.gl_dtype): fmt for fmt in FORMATS.values()}
+
+T = TypeVar("T", moderngl.Texture, moderngl.TextureArray)
 
 
 def format_of(texture: moderngl.Texture) -> Format:
@@ -111,15 +113,7 @@ def create_texture(
     check_size(ctx, size)
     ctx.clear_errors()  # forget what earlier calls left behind
     texture = ctx.texture(size, fmt.components, dtype=fmt.gl_dtype)
-    if (error := ctx.error) != "GL_NO_ERROR":
-        texture.release()
-        raise GLUnavailableError(
-            f"the driver must hold a {size[0]}x{size[1]} {format_name} texture"
-            f" (it answered {error}); use smaller images or free GPU memory"
-        )
-    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    texture.repeat_x = texture.repeat_y = False
-    return texture
+    return _held(ctx, texture, f"a {size[0]}x{size[1]} {format_name} texture")
 
 
 def create_texture_array(
@@ -138,11 +132,16 @@ def create_texture_array(
     if not 1 <= layers <= limit:
         raise InputError(f"layers must lie in 1..{limit} on this driver (got {layers})")
     ctx.clear_errors()
-    texture = ctx.texture_array((*size, layers), fmt.components, dtype=fmt.gl_dtype)
+    array = ctx.texture_array((*size, layers), fmt.components, dtype=fmt.gl_dtype)
+    return _held(ctx, array, f"{layers} textures of {size[0]}x{size[1]} {format_name}")
+
+
+def _held(ctx: moderngl.Context, texture: T, what: str) -> T:
+    """A texture that was asked for, if the driver has it, and how it is read."""
     if (error := ctx.error) != "GL_NO_ERROR":
         texture.release()
         raise GLUnavailableError(
-            f"the driver must hold {layers} textures of {size[0]}x{size[1]} {format_name}"
+            f"the driver must hold {what}"
             f" (it answered {error}); use smaller images or free GPU memory"
         )
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)

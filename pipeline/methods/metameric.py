@@ -94,12 +94,7 @@ class PushPullDepth(DepthGuidedMethod[GuidedBasePass]):
             depth_threshold=self._settings.depth_threshold,
         )  # fmt: skip
 
-    def _run(
-        self,
-        filler: GuidedBasePass,
-        frame: FrameTextures,
-        seed: int,  # noqa: ARG002
-    ) -> None:
+    def _run(self, filler: GuidedBasePass, frame: FrameTextures, seed: int) -> None:  # noqa: ARG002
         filler(frame.colour, frame.depth_m, self._nearest_m(frame))
 
 

@@ -335,16 +335,15 @@ def alpha_of(planes: Planes, red: NDArray[np.float32]) -> NDArray[np.float32] | 
     return None
 
 
-def check_opaque(path: Path, planes: Planes, red: NDArray[np.float32]) -> None:
+def check_opaque(path: Path, alpha: NDArray[np.generic] | None, opaque: int = 1) -> None:
     """Refuse colour that is transparent somewhere.
 
     Raises
     ------
     InputError
-        If the alpha of its layer is not 1 everywhere.
+        If its alpha is not `opaque` everywhere.
     """
-    alpha = alpha_of(planes, red)
-    if alpha is not None and not (alpha == 1).all():
+    if alpha is not None and not (alpha == opaque).all():
         raise InputError(
             f"{path}: must be opaque (its alpha channel is not 1 everywhere); put it on a"
             " background first"
@@ -479,7 +478,7 @@ def light_of(
         need(path, planes, key, told_name(planes, names), layer=layer, cure=naming_options(key))
         for key, names in named
     ]
-    check_opaque(path, planes, light[0])
+    check_opaque(path, alpha_of(planes, light[0]))
     return np.stack(light, axis=-1)
 
 

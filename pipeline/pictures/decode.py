@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.errors import InputError, note
-from pipeline.pictures.channels import Planes
+from pipeline.pictures.channels import Planes, check_opaque
 from pipeline.pictures.header import (
     UPRIGHT_EXIF,
     WALKERS,
@@ -277,12 +277,7 @@ def three_channels(path: Path, pixels: StoredPixels, *, encoded: bool = False) -
     if data.dtype == np.float64:
         data = data.astype(np.float32)
     if names[-1:] == ("A",):
-        opaque = np.iinfo(data.dtype).max if data.dtype.kind == "u" else 1
-        if not (data[..., -1] == opaque).all():
-            raise InputError(
-                f"{path}: must be opaque (its alpha channel is not 1 everywhere);"
-                " put it on a background first"
-            )
+        check_opaque(path, data[..., -1], np.iinfo(data.dtype).max if data.dtype.kind == "u" else 1)
         data, names = data[..., :-1], names[:-1]
     if len(names) == 1 and names[0] in ("Y", "L"):
         return np.repeat(data, 3, axis=-1)

@@ -103,19 +103,8 @@ def read_disparity(
     return _some_known(path, values, "disparity").astype(np.float32)
 
 
-def read_depth(
-    path: Path, scale: float, *, is_a: DepthIs = "distance", unknown: Unknown = None
-) -> Floats:
-    """Read depth, shape (H, W), in metres once multiplied by `scale`.
-
-    NaN where it is unknown, inf where there is nothing.
-
-    Raises
-    ------
-    FileNotFoundError, InputError
-        If the file is not there or holds no such numbers, or if a number may stand for "unknown"
-        and nobody has said.
-    """
+def _read_depth(path: Path, scale: float, is_a: DepthIs, unknown: Unknown) -> Floats:
+    """Depth in metres, shape (H, W): NaN where it is unknown, inf where there is nothing."""
     stored, named = _read(path, scale)
     values = _doubles(stored)
     missing = _unknown(stored, named, unknown, zero=is_a != "inverse") | np.isnan(values)
@@ -566,13 +555,13 @@ def load_depth(
 ) -> NDArray[np.float32]:
     """Read depth in metres along the optical axis, shape (H, W).
 
-    `pipeline.pictures.depth_and_flow` says which numbers stand for "unknown": such a pixel takes
-    the depth of the farther neighbour in the row.
+    The module says which numbers stand for "unknown": such a pixel takes the depth of the farther
+    neighbour in the row.
 
     Parameters
     ----------
     path : Path
-        What `pipeline.pictures.depth_and_flow.read_depth` reads.
+        One number a pixel, in a format that this module names.
     scale : float
         Metres per unit; for ``"inverse"``, what 1 stands for.
     is_a : {"distance", "inverse", "ray"}
@@ -587,11 +576,12 @@ def load_depth(
     FileNotFoundError
         If there is no such file.
     InputError
-        If it holds other than one number a pixel, or a depth is not positive.
+        If it holds other than one number a pixel, a depth is not positive, or a number may stand
+        for "unknown" and nobody has said.
     """
     if not scale > 0:
         raise InputError(f"metres per unit of depth must be greater than 0 (got {scale})")
-    stored = read_depth(path, scale, is_a=is_a, unknown=unknown)
+    stored = _read_depth(path, scale, is_a, unknown)
     if np.isnan(stored).any():
         with np.errstate(divide="ignore", over="ignore"):
             inverse = (1 / stored).astype(np.float32)

@@ -20,6 +20,7 @@ from pipeline.pictures.channels import (
     Layer,
     Motion,
     Planes,
+    alpha_of,
     check_opaque,
     depth_layer,
     find_motion,
@@ -296,7 +297,7 @@ def load_picture(path: Path, scene: ExrScene) -> SequenceFrame:
         return need(path, planes, key, given.get(key), layer=layer, cure=cure)
 
     colour = [plane(key) for key in "rgb"]
-    check_opaque(path, planes, colour[0])
+    check_opaque(path, alpha_of(planes, colour[0]))
     light = np.stack(colour, axis=-1)
     check_finite_light(path, light)
     depth = _distance(plane("depth"), scene)

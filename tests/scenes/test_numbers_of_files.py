@@ -16,7 +16,7 @@ from PIL import Image
 from pipeline.errors import FileNote, InputError
 from pipeline.pictures.colour_file import load_colour
 from pipeline.pictures.decode import read_parts, read_pixels
-from pipeline.pictures.depth_and_flow import along_axis, load_depth, read_depth, read_flo
+from pipeline.pictures.depth_and_flow import along_axis, load_depth, read_flo
 from pipeline.pictures.warp_input import load_warp_input
 from protocols.recipes.warped_clips import CirclePath, ExrScene, RgbdScene, StereoScene
 from stimuli.scenes.pair_check import judge_pair
@@ -141,12 +141,13 @@ def test_a_distance_far_nearer_than_all_others_is_asked_about(tmp_path):
     depth[:2] = 0.01
     np.save(tmp_path / "a.npy", depth)
     with pytest.raises(InputError, match=r"40 pixels hold 0\.01, far from all others.*--unknown"):
-        read_depth(tmp_path / "a.npy", 1.0)
-    assert np.isnan(read_depth(tmp_path / "a.npy", 1.0, unknown=[0.01])[:2]).all()
-    assert (read_depth(tmp_path / "a.npy", 1.0, unknown=[])[:2] == np.float32(0.01)).all()
+        load_depth(tmp_path / "a.npy", 1.0)
+    filled = load_depth(tmp_path / "a.npy", 1.0, unknown=[0.01])
+    np.testing.assert_allclose(filled[:2], filled[[2, 2]], rtol=1e-6)
+    assert (load_depth(tmp_path / "a.npy", 1.0, unknown=[])[:2] == np.float32(0.01)).all()
     depth[:2] = 0.1
     np.save(tmp_path / "a.npy", depth)
-    assert (read_depth(tmp_path / "a.npy", 1.0)[:2] == np.float32(0.1)).all()
+    assert (load_depth(tmp_path / "a.npy", 1.0)[:2] == np.float32(0.1)).all()
 
 
 def test_numbers_of_few_bits_stay_what_they_are(tmp_path):
