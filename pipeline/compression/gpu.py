@@ -18,24 +18,16 @@ from pipeline.compression.compressed_file import CompressedPicture, atlas_shape
 from pipeline.errors import InputError
 from pipeline.foveation.displacement import CUBIC
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.picture_pass import (
-    PicturePass,
-    PoolUniforms,
-    halved,
-    noise_constants,
-    screen_noise,
-    weight_layers,
-)
+from pipeline.foveation.picture_pass import PoolUniforms, WeighedNoisePass, halved
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
-from pipeline.frame import check_seed
 from pipeline.gl.compute import Shader
 from pipeline.gl.shader import Constant
-from pipeline.gl.texture import check_texture, create_texture, read_back, upload
+from pipeline.gl.texture import check_texture, upload
 from pipeline.noise.gains import gain_constants
 
 
-class DecompressPass(PicturePass):
+class DecompressPass(WeighedNoisePass):
     """Makes pictures of one file, or of files with the same grid and levels.
 
     Compiles and allocates on construction. `load` uploads a frame; a call binds and dispatches.
@@ -59,10 +51,9 @@ class DecompressPass(PicturePass):
         self.levels = len(self._maps)
         self._cells = self._texture(self._grid.shape, "rgba8")
         self._unfold = self._polar_shader("unfold")
-        self._base: moderngl.Texture | None = None
         if self.levels:
-            self._base = self._texture(self.size)
-            self._prepare_noise()
+            self._prepare(self.levels)
+            self._prepare_maps()
 
     def load(self, compressed: CompressedPicture, frame: int = 0) -> None:
         """Decode a frame's pictures and upload them.
@@ -88,47 +79,27 @@ class DecompressPass(PicturePass):
     def __call__(self, target: moderngl.Texture, *, seed: int = 0) -> None:
         """Make the frame that was loaded, into `target`: rgba32f of the picture's size."""
         check_texture(target, "target", self.size, "rgba32f")
-        picture = target if self._base is None else self._base
+        picture = self._base if self.levels else target
         self._unfold.run_over(self.size, cells=self._cells, picture=picture)
-        if self._base is None:
-            return
-        self._noise.set_seed(check_seed(seed))
-        self._weigh.run_over(
-            halved((self._weights.width, self._weights.height)),
-            atlas=self._atlas,
-            weights=self._weights,
-        )
-        self._finish.run_over(
-            halved(self.size),
-            source=self._base,
-            weights=self._weights,
-            noise=self._noise.texture,
-            target=target,
-        )
+        if self.levels:
+            self._weigh.run_over(halved(self._blocks), atlas=self._atlas, weights=self._weights)
+            self._add_noise(target, seed)
 
     def apply(
         self, compressed: CompressedPicture, *, seed: int = 0, frame: int = 0
     ) -> NDArray[np.float32]:
         """Load, work, read back: for callers without textures."""
         self.load(compressed, frame)
-        target = create_texture(self._ctx, self.size, "rgba32f")
-        try:
-            self(target, seed=seed)
-            return np.ascontiguousarray(read_back(target)[..., :3])
-        finally:
-            target.release()
+        return self._read(lambda target: self(target, seed=seed))
 
     def _polar_shader(self, name: str, **constants: Constant) -> Shader:
         shader = self._shader(f"compression/{name}.comp.glsl", **constants)
         shader["gaze_px"] = self._grid.gaze_px
         return shader
 
-    def _prepare_noise(self) -> None:
+    def _prepare_maps(self) -> None:
         rows, columns = atlas_shape(self._maps)
         self._atlas = self._texture((columns, rows), "r8")
-        width, height = self.size
-        blocks = -(-width // 4), -(-height // 4)
-        self._weights = self._array(blocks, weight_layers(self.levels, bent=False), "rgba16f")
         self._weigh = self._polar_shader(
             "weights",
             MAP_ROWS=self._maps[0].shape[0],
@@ -141,7 +112,4 @@ class DecompressPass(PicturePass):
             for first, grid in zip(ends[:-1], self._maps, strict=True)
         ]
         self._weigh["places"] = np.array(places, np.float32)
-        self._finish = self._compile("finish_screen", **noise_constants(self.levels, BASE=False))
-        self._finish["strength"] = 1.0
         self._eye.set_gaze(self._grid.gaze_px)
-        self._noise = self._part(screen_noise(self._ctx, self.size, self.levels, wraps=False))

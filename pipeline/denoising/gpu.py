@@ -9,25 +9,16 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.denoising.maps import BLOCK_PX, MomentMaps
+from pipeline.denoising.maps import MomentMaps
 from pipeline.foveation.geometry import Geometry
-from pipeline.foveation.picture_pass import (
-    TILE,
-    PicturePass,
-    PoolUniforms,
-    halved,
-    noise_constants,
-    screen_noise,
-    weight_layers,
-)
+from pipeline.foveation.picture_pass import PoolUniforms, WeighedNoisePass, halved, weight_layers
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.reference import AIM
-from pipeline.frame import check_seed
-from pipeline.gl.texture import check_texture, create_texture, read_back, upload
+from pipeline.gl.texture import check_texture, upload
 from pipeline.noise.gains import gain_constants
 
 
-class DenoisePass(PicturePass):
+class DenoisePass(WeighedNoisePass):
     """Makes metamers of flat pictures' maps, of one size and number of levels.
 
     Compiles and allocates on construction. `load` uploads maps; a call binds and dispatches twice.
@@ -39,20 +30,12 @@ class DenoisePass(PicturePass):
         if geometry.on_sphere:
             raise ValueError("these passes know flat pictures only; numpy knows panoramas")
         self._eye = PoolUniforms(geometry, pooling)
-        width, height = geometry.width_px, geometry.height_px
-        super().__init__(ctx, (width, height), self._eye)
+        super().__init__(ctx, (geometry.width_px, geometry.height_px), self._eye)
         self.levels = levels
-        self._blocks = -(-width // BLOCK_PX), -(-height // BLOCK_PX)
-        layers = weight_layers(levels, bent=False)
-        self._base = self._texture(self.size)
-        self._maps = self._array(self._blocks, layers)
-        self._weights = self._array(self._blocks, layers, "rgba16f")
-        self._weigh = self._shader(
-            "denoising/weights.comp.glsl", TILE=TILE, **gain_constants(levels, aim=AIM)
-        )
-        self._noise = self._part(screen_noise(ctx, self.size, levels, wraps=False))
-        self._finish = self._compile("finish_screen", **noise_constants(levels, BASE=False))
-        self._finish["strength"] = 1.0
+        self._prepare(levels)
+        self._maps = self._array(self._blocks, weight_layers(levels, bent=False))
+        gains = gain_constants(levels, aim=AIM)
+        self._weigh = self._shader("denoising/weights.comp.glsl", **gains)
 
     def load(self, maps: MomentMaps) -> None:
         """Upload maps of this size and these levels."""
@@ -70,27 +53,15 @@ class DenoisePass(PicturePass):
         """Make the metamer of what was loaded, into `target`: rgba32f of the picture's size."""
         check_texture(target, "target", self.size, "rgba32f")
         self._eye.set_gaze(gaze_px)
-        self._noise.set_seed(check_seed(seed))
         self._weigh.run_over(halved(self._blocks), maps=self._maps, weights=self._weights)
-        self._finish.run_over(
-            halved(self.size),
-            source=self._base,
-            weights=self._weights,
-            noise=self._noise.texture,
-            target=target,
-        )
+        self._add_noise(target, seed)
 
     def apply(
         self, maps: MomentMaps, gaze_px: tuple[float, float], *, seed: int = 0
     ) -> NDArray[np.float32]:
         """Load, work, read back: for callers without textures."""
         self.load(maps)
-        target = create_texture(self._ctx, self.size, "rgba32f")
-        try:
-            self(target, gaze_px, seed=seed)
-            return np.ascontiguousarray(read_back(target)[..., :3])
-        finally:
-            target.release()
+        return self._read(lambda target: self(target, gaze_px, seed=seed))
 
 
 def map_layers(maps: MomentMaps) -> NDArray[np.float32]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import moderngl
@@ -35,10 +35,11 @@ from pipeline.foveation.pooled_moments import (
 from pipeline.foveation.pooling import FADE_SHARE, HALVED_VARIANCE, Pooling
 from pipeline.foveation.reference import AIM, COLOURED, FIRST_SMOOTH, ROOMY
 from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
+from pipeline.frame import check_seed
 from pipeline.gl.compute import Dispatches, Shader
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
-from pipeline.gl.texture import check_texture
+from pipeline.gl.texture import check_texture, create_texture, read_back
 from pipeline.noise.gains import gain_constants
 from pipeline.noise.gpu import NoisePass
 
@@ -211,6 +212,39 @@ def halved(size: Size) -> Size:
 def resolutions(size: Size, count: int) -> list[Size]:
     """A size, and `count` halvings of it."""
     return [(-(-size[0] // (1 << r)), -(-size[1] // (1 << r))) for r in range(count + 1)]
+
+
+class WeighedNoisePass(PicturePass):
+    """A base, and noise on the screen that weights of blocks of 4x4 pixels tell, added to it."""
+
+    def _prepare(self, levels: int) -> None:
+        """Make base, weights, noise and the last pass for so many levels."""
+        width, height = self.size
+        self._blocks = -(-width // 4), -(-height // 4)
+        self._base = self._texture(self.size)
+        self._weights = self._array(self._blocks, weight_layers(levels, bent=False), "rgba16f")
+        self._noise = self._part(screen_noise(self._ctx, self.size, levels, wraps=False))
+        self._finish = self._compile("finish_screen", **noise_constants(levels, BASE=False))
+        self._finish["strength"] = 1.0
+
+    def _add_noise(self, target: moderngl.Texture, seed: int) -> None:
+        self._noise.set_seed(check_seed(seed))
+        self._finish.run_over(
+            halved(self.size),
+            source=self._base,
+            weights=self._weights,
+            noise=self._noise.texture,
+            target=target,
+        )
+
+    def _read(self, draw: Callable[[moderngl.Texture], None]) -> NDArray[np.float32]:
+        """Return what is drawn into a texture: for callers without."""
+        target = create_texture(self._ctx, self.size, "rgba32f")
+        try:
+            draw(target)
+            return np.ascontiguousarray(read_back(target)[..., :3])
+        finally:
+            target.release()
 
 
 class CutPass(Pass):
