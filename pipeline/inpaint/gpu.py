@@ -88,6 +88,8 @@ class GuidedChainPass(Pass):
 
     Parameters
     ----------
+    base : GuidedBasePass
+        Whose lists, guide, gamma and depth threshold these are.
     planes : int
         vec4 per texel.
     is_base : bool
@@ -96,21 +98,13 @@ class GuidedChainPass(Pass):
     """
 
     def __init__(
-        self,
-        ctx: moderngl.Context,
-        lists: WorkLists,
-        guide: GuidePyramid,
-        *,
-        planes: int,
-        is_base: bool,
-        gamma: float,
-        depth_threshold: float,
+        self, ctx: moderngl.Context, base: "GuidedBasePass", *, planes: int, is_base: bool
     ) -> None:
-        resolutions = guide.resolutions
+        resolutions, lists, guide = base.resolutions, base.lists, base.guide
         relaxed = RELAXED_RESOLUTIONS if is_base else 0
         constants = {
             "CHAIN_TEXELS": resolutions.tail_texels,
-            "GAMMA": float(gamma),
+            "GAMMA": base.gamma,
             "GROUP": TAIL_GROUP,
             "IS_BASE": is_base,
             "IS_FINEST": False,
@@ -130,7 +124,7 @@ class GuidedChainPass(Pass):
         )
         if is_base:
             self._relax = self._shader("inpaint/relax.comp.glsl")
-        self._set(depth_threshold=depth_threshold)
+        self._set(depth_threshold=base.depth_threshold)
         self._hold(**lists.shared)
         self._finest = 1 if is_base else FIRST_STORED
         top = resolutions.top
@@ -250,17 +244,8 @@ class GuidedBasePass(Pass):
         sizes = self.resolutions.sizes[: self.resolutions.top + 1]
         self.lists = self._part(WorkLists(ctx, sizes, levels, shells=shells))
         self.guide = self._part(GuidePyramid(ctx, self.resolutions))
-        self.chain = self._part(
-            GuidedChainPass(
-                ctx,
-                self.lists,
-                self.guide,
-                planes=BASE_PLANES,
-                is_base=True,
-                gamma=gamma,
-                depth_threshold=depth_threshold,
-            )
-        )
+        self.gamma, self.depth_threshold = float(gamma), depth_threshold
+        self.chain = self._part(GuidedChainPass(ctx, self, planes=BASE_PLANES, is_base=True))
         self._first = self._shader(
             "inpaint/base_first.comp.glsl", CELL=CELL, RESOLUTIONS=len(self.lists.cell_grids)
         )
@@ -269,7 +254,7 @@ class GuidedBasePass(Pass):
         self._first["half_list"] = self.lists.appendable(("base", 1))
         self._first["quarter_list"] = self.lists.appendable(("base", 2))
         self._last = self._shader("inpaint/base_last.comp.glsl")
-        self._relax = self._shader("inpaint/relax.comp.glsl", IS_FINEST=True, GAMMA=float(gamma))
+        self._relax = self._shader("inpaint/relax.comp.glsl", IS_FINEST=True, GAMMA=self.gamma)
         self._set(depth_threshold=depth_threshold)
         self._hold(**self.lists.shared)
 

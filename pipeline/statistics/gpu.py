@@ -29,7 +29,7 @@ class VariancePass(Pass):
     ----------
     base : GuidedBasePass
         Whose holes, guide and lists these are; it must have run on the frame.
-    levels, cross, gamma, depth_threshold, skip_depth_edges
+    levels, cross, skip_depth_edges
         As for `reference.inpainted_statistics`.
     """
 
@@ -40,8 +40,6 @@ class VariancePass(Pass):
         *,
         levels: int,
         cross: bool,
-        gamma: float,
-        depth_threshold: float,
         skip_depth_edges: bool,
     ) -> None:
         constants = {
@@ -51,7 +49,7 @@ class VariancePass(Pass):
             "CROSS": cross,
             "SKIP_DEPTH_EDGES": skip_depth_edges,
             "TILE": CELL // 2,
-            "GAMMA": float(gamma),
+            "GAMMA": base.gamma,
         }
         super().__init__(ctx, constants)
         self._base = base
@@ -67,17 +65,7 @@ class VariancePass(Pass):
             [(*size, *corner) for size, corner in zip(sizes, corners, strict=True)], np.int32
         )
         self.texels = self._texture((BANDS * widest, height), "rgba32f")
-        self.chain = self._part(
-            GuidedChainPass(
-                ctx,
-                base.lists,
-                base.guide,
-                planes=MOMENT_PLANES,
-                is_base=False,
-                gamma=gamma,
-                depth_threshold=depth_threshold,
-            )
-        )
+        self.chain = self._part(GuidedChainPass(ctx, base, planes=MOMENT_PLANES, is_base=False))
         # For coarser levels, and for the finest.
         self._first, self._lacking = (
             [
@@ -86,7 +74,7 @@ class VariancePass(Pass):
             ]
             for name in ("moments_first", "lacking")
         )
-        self._set(depth_threshold=depth_threshold)
+        self._set(depth_threshold=base.depth_threshold)
         self._hold(**base.lists.shared)
 
     def __call__(
@@ -149,7 +137,6 @@ class LowBandPass(Pass):
         levels: int,
         *,
         skip_depth_edges: bool = False,
-        depth_threshold: float = 0.04,
     ) -> None:
         super().__init__(ctx, {**low_constants(), "MIXED": MIXED})
         self._lists = base.lists
@@ -159,7 +146,7 @@ class LowBandPass(Pass):
         self._hold(**base.lists.shared)
         self._first = None
         if skip_depth_edges and levels > 1:
-            self._first = self._part(_FirstHalving(ctx, base, depth_threshold))
+            self._first = self._part(_FirstHalving(ctx, base))
 
     def __call__(
         self, image: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float
@@ -182,7 +169,7 @@ class _FirstHalving(Pass):
     as colour.
     """
 
-    def __init__(self, ctx: moderngl.Context, base: GuidedBasePass, depth_threshold: float) -> None:
+    def __init__(self, ctx: moderngl.Context, base: GuidedBasePass) -> None:
         constants = {"HALVED_TILE": HALVED_TILE, "TILE": HALVED_TILE, "MIXED": MIXED}
         super().__init__(ctx, {**low_constants(), **constants})
         self._base = base
@@ -193,7 +180,7 @@ class _FirstHalving(Pass):
         self._plain, self._jumps = (
             self._shader(LOWPASS, DEPTH_EDGES=edges) for edges in (False, True)
         )
-        self._set(depth_threshold=depth_threshold)
+        self._set(depth_threshold=base.depth_threshold)
         self._hold(**base.lists.shared)
 
     def __call__(

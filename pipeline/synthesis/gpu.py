@@ -56,13 +56,7 @@ class MetamericPass(Pass):
             )
         )
         self.low_bands = self._part(
-            LowBandPass(
-                ctx,
-                self.base,
-                levels,
-                skip_depth_edges=settings.skip_depth_edges,
-                depth_threshold=settings.depth_threshold,
-            )
+            LowBandPass(ctx, self.base, levels, skip_depth_edges=settings.skip_depth_edges)
         )
         self._channels = 1 if settings.channels == "correlated" else 3
         self.variances = self._part(
@@ -71,8 +65,6 @@ class MetamericPass(Pass):
                 self.base,
                 levels=levels,
                 cross=settings.channels == "correlated",
-                gamma=settings.gamma,
-                depth_threshold=settings.depth_threshold,
                 skip_depth_edges=settings.skip_depth_edges,
             )
         )
