@@ -25,7 +25,7 @@ from pipeline.foveation.pooling import (
     Residual,
     make_pooling,
 )
-from pipeline.pictures.decode import from_integers, read_pixels, three_channels
+from pipeline.pictures.decode import read_integers
 
 if TYPE_CHECKING:
     import moderngl
@@ -202,7 +202,16 @@ class _Displaced(PooledCondition):
     """Base of conditions that displace at random; see `DisplacementSettings`."""
 
     match: ClassVar[bool]
-    settings: DisplacementSettings
+
+    def __init__(
+        self,
+        *,
+        reach: float = 0.35,
+        smoothness: float = 0.5,
+        **pooling: Unpack[PoolingParameters],
+    ) -> None:
+        super().__init__(**pooling)
+        self.settings = DisplacementSettings(self.pooling, reach, smoothness)
 
     def on_gpu(
         self, ctx: moderngl.Context, geometry: Geometry, seed: int | None = None
@@ -227,16 +236,6 @@ class Eidolon(_Displaced):
     """The picture displaced at random."""
 
     match = False
-
-    def __init__(
-        self,
-        *,
-        reach: float = 0.35,
-        smoothness: float = 0.5,
-        **pooling: Unpack[PoolingParameters],
-    ) -> None:
-        super().__init__(**pooling)
-        self.settings = DisplacementSettings(self.pooling, reach, smoothness)
 
 
 class WarpedMetamer(_Displaced):
@@ -299,10 +298,7 @@ class FilesOnDisk(NumpyCondition):
                 f"{self.path}: must hold picture {fixation.frame:06d}"
                 f" (has {len(self._files)}, from {min(self._files)} to {max(self._files)})"
             )
-        pixels = read_pixels(file)
-        if pixels.data.dtype.kind != "u":
-            raise InputError(f"{file}: must hold integers, such as a PNG of 8 or 16 bits")
-        found = from_integers(three_channels(file, pixels))
+        found = read_integers(file)
         if found.shape != picture.shape:
             raise InputError(
                 f"{file}: must be {picture.shape[1]} x {picture.shape[0]} px as the picture"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.methods.method import composite
-from pipeline.pictures.decode import from_integers, read_pixels, three_channels
+from pipeline.pictures.decode import from_integers, read_integers
 from pipeline.video_file import VideoFrames, is_video
 
 FRAME = "{frame}"
@@ -95,10 +95,7 @@ class FramesOnDisk:
             colour = from_integers(self.video.read(warped.frame_index))
         else:
             file = self._files[warped.frame_index]
-            pixels = read_pixels(file)
-            if pixels.data.dtype.kind != "u":
-                raise InputError(f"{file}: must hold integers, such as a PNG of 8 or 16 bits")
-            colour = from_integers(three_channels(file, pixels))
+            colour = read_integers(file)
         if colour.shape != warped.colour.shape:
             raise InputError(
                 f"{file}: must be {warped.size[1]} x {warped.size[0]} px as the warped frame"

@@ -117,14 +117,13 @@ def pixels_of(path: Path, stretched: bool = True, *, ours: bool = False) -> Stor
             check_values(path, spec.width, spec.height, spec.nchannels)
         check_flat(path, spec)
         name = source.format_name()
-        plain = read_netpbm(path) if name == "pnm" else None
+        plain = read_netpbm(path, stretched) if name == "pnm" else None
     except Exception:
         source.close()
         raise
     if plain is not None:
         source.close()
-        numbers = plain.stretched() if stretched else plain.data
-        return StoredPixels(numbers, tuple(spec.channelnames), {}, name)
+        return StoredPixels(plain, tuple(spec.channelnames), {}, name)
     stored = str(spec.format) if not spec.channelformats else "float"
     kind = stored if stored in _NATIVE else "float"
     data = source.read_image(0, 0, 0, spec.nchannels, kind)
@@ -289,6 +288,20 @@ def three_channels(path: Path, pixels: StoredPixels, *, encoded: bool = False) -
     return data[..., [names.index(name) for name in "RGB"]]
 
 
+def read_integers(path: Path) -> NDArray[np.float32]:
+    """Read encoded colour of a file of integers, shape (H, W, 3), in [0, 1].
+
+    Raises
+    ------
+    FileNotFoundError, InputError
+        If it is not there, is no whole picture, or holds floats.
+    """
+    pixels = read_pixels(path)
+    if pixels.data.dtype.kind != "u":
+        raise InputError(f"{path}: must hold integers, such as a PNG of 8 or 16 bits")
+    return from_integers(three_channels(path, pixels))
+
+
 def from_integers(data: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.float32]:
     """Return stored integers as [0, 1], the largest one that fits as 1."""
     # Rounded as by way of float64: twice 24 bits and two more are fewer than its 53.
@@ -305,34 +318,11 @@ _HEADER_BYTES = 4096
 _CHANNELS = {"P3": 3, "P6": 3, "PF": 3}
 
 
-@dataclass(frozen=True)
-class Netpbm:
-    """Numbers of a file.
-
-    Parameters
-    ----------
-    data : ndarray of uint8, uint16 or float32, shape (H, W, C)
-        As stored, the upper row first.
-    is_float : bool
-        It is a PFM file.
-    largest : int
-        What a PGM or PPM file says of its numbers; 1 of a PFM file.
-    """
-
-    data: NDArray[Any]
-    is_float: bool
-    largest: int = 1
-
-    def stretched(self) -> NDArray[Any]:
-        """Integers in shares of the type's largest number, rounded down; floats as they are."""
-        if self.is_float:
-            return self.data
-        most = np.iinfo(self.data.dtype).max
-        return (self.data.astype(np.uint32) * most // self.largest).astype(self.data.dtype)
-
-
-def read_netpbm(path: Path) -> Netpbm | None:
+def read_netpbm(path: Path, stretched: bool) -> NDArray[Any] | None:
     """Return the numbers of a PGM, PPM or PFM file; None where it is none, or a bitmap.
+
+    Shape (H, W, C), the upper row first. Integers are as stored, or `stretched`: in shares of the
+    type's largest number, rounded down.
 
     Raises
     ------
@@ -391,8 +381,11 @@ def read_netpbm(path: Path) -> Netpbm | None:
         )
     data = found[: np.prod(shape)].reshape(shape).astype(dtype.newbyteorder("="))
     if is_float:
-        return Netpbm(np.ascontiguousarray(data[::-1]), True)
-    return Netpbm(data, False, int(largest))
+        return np.ascontiguousarray(data[::-1])
+    if not stretched:
+        return data
+    most = np.iinfo(data.dtype).max
+    return (data.astype(np.uint32) * most // int(largest)).astype(data.dtype)
 
 
 @dataclass(frozen=True)
