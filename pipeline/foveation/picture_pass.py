@@ -238,7 +238,7 @@ class WeighedNoisePass(PicturePass):
         )
 
     def _read(self, draw: Callable[[moderngl.Texture], None]) -> NDArray[np.float32]:
-        """Return what is drawn into a texture: for callers without."""
+        """Return the picture that is drawn into a texture: for callers without."""
         target = create_texture(self._ctx, self.size, "rgba32f")
         try:
             draw(target)

@@ -105,7 +105,7 @@ Moments far_moments(sampler2DArray own, int level, ivec2 block) {
     return Moments(textureLod(own, vec3(at, float(2 * level)), 0.0), textureLod(own, vec3(at, float(2 * level + 1)), 0.0));
 }
 
-// What a block knows of a level. All is written out, for arrays that are indexed by a variable are slow.
+// Moments, weights and slopes of a block at a level. All is written out, for arrays that are indexed by a variable are slow.
 #define READ(level)                                                                            \
     {                                                                                          \
         Moments its;                                                                           \
