@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def _numbers(lists, buffer):
+def read_numbers(lists, buffer):
     """Read what shaders wrote through a copy, as `WorkLists.carry_shells` does."""
     copy = lists._ctx.buffer(reserve=buffer.size)
     lists._ctx.copy_buffer(copy, buffer)
@@ -14,12 +14,12 @@ def _numbers(lists, buffer):
 
 def entry_counts(lists):
     """Return the number of entries of every list."""
-    counts = _numbers(lists, lists._counts).reshape(-1, 4)[:, 3]
+    counts = read_numbers(lists, lists._counts).reshape(-1, 4)[:, 3]
     return {key: int(counts[item.index]) for key, item in lists._lists.items()}
 
 
 def entries_of(lists, key):
     """Return a list: rows of (row, column, chain), in any order."""
     first = lists._lists[key].first
-    packed = _numbers(lists, lists._entries)[first : first + entry_counts(lists)[key]]
+    packed = read_numbers(lists, lists._entries)[first : first + entry_counts(lists)[key]]
     return np.stack([packed >> 14 & 0x3FFF, packed & 0x3FFF, packed >> 28], axis=-1)

@@ -9,6 +9,7 @@ from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.reference import guide_from_depth, near_a_hole
 from pipeline.inpaint.regions import STATISTICS_RINGS
 from pipeline.statistics.gpu import MIXED, LowBandPass
+from tests.helpers.work_lists import entries_of
 
 ROUNDOFF = 2.0**-24  # of one float32 operation
 # A tap's difference and weight, the sum of a pair, a product, a sum, three sums of rows: 8
@@ -103,7 +104,7 @@ def test_depth_is_looked_at_where_a_low_band_may_mix_it_and_hardly_elsewhere(gl_
     rows, columns = -(-size[0] // 8), -(-size[1] // 8)
     found = np.zeros((2, rows, columns), int)
     for which, name in enumerate(("plain", "jumps")):
-        np.add.at(found[which], tuple(base.lists.entries((name, 2))[:, :2].T), 1)
+        np.add.at(found[which], tuple(entries_of(base.lists, (name, 2))[:, :2].T), 1)
     for thing in (lows, base, texture, depth_m):
         thing.release()
 

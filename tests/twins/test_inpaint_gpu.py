@@ -15,7 +15,7 @@ from pipeline.inpaint.regions import (
     STATISTICS_RINGS,
     source_resolution,
 )
-from tests.helpers.work_lists import entries_of, entry_counts
+from tests.helpers.work_lists import entries_of, entry_counts, read_numbers
 
 ROUNDOFF = 2.0**-24  # of one float32 operation
 THRESHOLD = 0.04
@@ -30,7 +30,7 @@ GUIDE_ATOL = (5 + 1) * ROUNDOFF
 def active_tiles(lists, key):
     """Tiles of a region that were in it in the last frame: bool (rows, columns)."""
     item = lists._regions[key]
-    flags = lists._read(lists._active)[item.first : item.first + item.tiles]
+    flags = read_numbers(lists, lists._active)[item.first : item.first + item.tiles]
     return flags.reshape(-1, -(-lists.sizes[item.resolution][0] // CELL)) != 0
 
 
