@@ -9,7 +9,7 @@ from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.inpaint.reference import guide_from_depth, near_a_hole
 from pipeline.inpaint.regions import STATISTICS_RINGS
 from pipeline.statistics.gpu import MIXED, LowBandPass
-from tests.helpers.work_lists import entries_of
+from tests.twins.work_lists import entries_of
 
 ROUNDOFF = 2.0**-24  # of one float32 operation
 # A tap's difference and weight, the sum of a pair, a product, a sum, three sums of rows: 8

@@ -15,7 +15,7 @@ from pipeline.inpaint.regions import (
     STATISTICS_RINGS,
     source_resolution,
 )
-from tests.helpers.work_lists import entries_of, entry_counts, read_numbers
+from tests.twins.work_lists import entries_of, entry_counts, read_numbers
 
 ROUNDOFF = 2.0**-24  # of one float32 operation
 THRESHOLD = 0.04

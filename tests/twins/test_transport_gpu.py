@@ -16,7 +16,7 @@ from pipeline.inpaint.regions import SHELLS, WorkLists
 from pipeline.methods.registry import create_method
 from pipeline.transport.gpu import TransportPass
 from pipeline.transport.reference import LEFT_OUT, UNREACHED, TransportSettings, transport_fill
-from tests.helpers.work_lists import entries_of, entry_counts
+from tests.twins.work_lists import entries_of, entry_counts
 
 Z_NEAR_M = 1.0
 ATOL = 2.0**-14  # float32 over a hundred shells: a sixty-fourth of an 8-bit step
