@@ -210,13 +210,7 @@ def read_table(path: Path) -> list[dict[str, object]]:
     for number, row in enumerate(rows, start=_FIRST_LINE):
         _check_row(path, number, row, header)
         texts.append({column: str(row[column]).strip() for column in header})
-        for key in ((column, texts[-1][column]) for column in COLUMNS):
-            if key in seen:
-                raise StudyError(
-                    f"{path}: line {number}: every {key[0]} must be given once (got {key[1]!r},"
-                    f" which line {seen[key]} has)"
-                )
-            seen[key] = number
+        _check_once(path, number, texts[-1], seen)
     values = {column: _numbers([row[column] for row in texts]) for column in columns}
     return [
         {
@@ -244,6 +238,17 @@ def _check_row(
             f"{what} must not be a name that Windows keeps for a device (got {name!r}), as a folder"
             " is called so; choose another"
         )
+
+
+def _check_once(
+    path: Path, number: int, row: dict[str, str], seen: dict[tuple[str, str], int]
+) -> None:
+    for column in COLUMNS:
+        if (before := seen.setdefault((column, row[column]), number)) != number:
+            raise StudyError(
+                f"{path}: line {number}: every {column} must be given once (got {row[column]!r},"
+                f" which line {before} has)"
+            )
 
 
 def _check_name(name: str, what: str) -> None:
