@@ -136,11 +136,11 @@ def test_all_observers_took_part_in_the_study_that_was_built(made):
     manifest = read_manifest(made.out / "clips")
     starts = [session.journal.start for session in sessions]
 
-    assert len(sessions) == made.observers
+    assert len(sessions) == made.participants
     assert {session.state for session in sessions} == {"completed"}
     assert all(start.simulated for start in starts)
     assert {start.manifest_sha256 for start in starts} == {manifest.sha256}
-    assert sorted(start.slot for start in starts) == list(range(made.observers))
+    assert sorted(start.slot for start in starts) == list(range(made.participants))
     evidence = [start.timing_evidence for start in starts]
     assert evidence.count("software timer") == 1  # one sat before a real window
 
