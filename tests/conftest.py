@@ -8,7 +8,8 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -20,6 +21,7 @@ import pytest
 from pipeline.errors import GLUnavailableError
 from pipeline.frame import SourceFrame
 from pipeline.gl.context import create_context, release_context
+from study_app.doctor.python_speed import loop_ms
 
 # Shell scripts, and kills by the signals of POSIX.
 POSIX_ONLY = ["test_attack.py", "test_prove_gpu.py", "test_release.py", "test_scripts.py"]
@@ -34,7 +36,7 @@ ABOUT_THE_REPOSITORY = (
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-# Files that take longest, as `script/test --durations=0` tells: they begin first.
+# Files that take longest, as `script/test --costs` tells: they begin first.
 LONGEST = (
     "tests/test_demo.py",
     "tests/presenter/test_guide.py",
@@ -119,7 +121,7 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--short``, ``--slow`` and ``--full``."""
+    """Add ``--short``, ``--slow``, ``--full`` and ``--costs``."""
     parser.addoption(
         "--short",
         action="store_true",
@@ -131,6 +133,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--full",
         action="store_true",
         help="run all, and long proofs whole (by default a tenth of them)",
+    )
+    parser.addoption(
+        "--costs", action="store_true", help="print what the tests cost, in CPU seconds"
     )
 
 
@@ -191,13 +196,106 @@ def pytest_runtest_logstart(nodeid: str) -> None:
         os.nice(max(0, STANDS_BACK - os.nice(0)))
 
 
+def cpu_s() -> float:
+    """Return the CPU time of this process and of those that it started and that have ended."""
+    now = os.times()
+    forked = sum(sys.modules["forked"].COSTS_S) if "forked" in sys.modules else 0.0
+    return now.user + now.system + now.children_user + now.children_system + forked
+
+
+COLLECTION = "collection"
+"""A row of its own among the costs."""
+REFERENCE_LOOP_MS = 11
+"""Time of the loop by which `script/setup` chooses a Python, where tests were marked `slow`."""
+UNMARKED_S = 1.5
+"""Most CPU seconds there of a test that is not marked."""
+
+
+class Costs:
+    """Cost of every test, its fixtures included where they were made; tables of them if `told`."""
+
+    SLOWEST = 30
+
+    def __init__(self, told: bool) -> None:
+        self._told = told
+        self._unmarked: set[str] = set()
+        self._last_s = cpu_s()
+        self._collection_s = 0.0
+        self._by_test: Counter[str] = Counter()
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_finish(self) -> None:
+        """Keep what collection took apart from the first test: each worker collects by itself."""
+        now_s = cpu_s()
+        self._collection_s, self._last_s = now_s - self._last_s, now_s
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(self) -> Generator[None, Any, Any]:
+        """Tell the phase's cost to whoever reads reports: with xdist that is another process."""
+        report = yield
+        now_s = cpu_s()
+        costs = [("cpu_s", now_s - self._last_s), ("collection_s", self._collection_s)]
+        report.user_properties = [*report.user_properties, *costs]
+        self._last_s, self._collection_s = now_s, 0.0
+        return report
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Add a phase to its test."""
+        if not {"slow", "full"} & report.keywords.keys():
+            self._unmarked.add(report.nodeid)
+        for key, name in (("cpu_s", report.nodeid), ("collection_s", COLLECTION)):
+            self._by_test[name] += sum(s for told, s in report.user_properties if told == key)
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """Print files and the slowest tests, as tables, and tests that should be marked `slow`."""
+        if self._told:
+            self._tell_tables(terminalreporter)
+        ms = loop_ms()
+        most_s = UNMARKED_S * ms / REFERENCE_LOOP_MS
+        heavy = [
+            (name, s) for name, s in self._by_test.most_common()
+            if s > most_s and name in self._unmarked
+        ]  # fmt: skip
+        if heavy:
+            terminalreporter.section(f"not marked slow, above {most_s:.1f} CPU s")
+            terminalreporter.write_line(
+                f"{UNMARKED_S} s where a loop takes {REFERENCE_LOOP_MS} ms, and {ms} ms here"
+            )
+            for name, seconds in heavy:
+                terminalreporter.write_line(f"{seconds:.1f} s  {name}")
+
+    def _tell_tables(self, terminalreporter: pytest.TerminalReporter) -> None:
+        files: Counter[str] = Counter()
+        for name, seconds in self._by_test.items():
+            files[name.partition("::")[0]] += seconds
+        tell = terminalreporter.write_line
+        terminalreporter.section("costs")
+        tell(f"{len(self._by_test) - 1} tests took {sum(files.values()):.0f} CPU seconds")
+        for head, rows in (("file", files), ("test", self._by_test)):
+            tell(f"\n| s | {head} |\n| ---: | --- |")
+            for name, seconds in rows.most_common(self.SLOWEST):
+                if seconds >= 0.5:
+                    tell(f"| {seconds:.0f} | {cost_name(name)} |")
+
+
+def cost_name(nodeid: str) -> str:
+    """Return a test as its file and the sentence that is its name."""
+    path, _, test = nodeid.partition("::")
+    said = test.rpartition("::")[2].removeprefix("test_").replace("_", " ")
+    file = f"`{path.removeprefix('tests/')}`"
+    return f"{file}: {said.replace('|', ' ')}" if said else file
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """Let Mesa compile shaders fast, unless `--full`.
+    """Watch the costs where they are asked for; let Mesa compile shaders fast, unless `--full`.
 
     Slow tests run where they are asked for, too: by `--full`, and by naming files or tests.
     For pictures as small as ours, its software renderer takes longer to make its programs quick
     than to run them as they are. Both compute the same.
     """
+    told = config.getoption("--costs")
+    if told or config.getoption("--slow"):
+        config.pluginmanager.register(Costs(told), "costs")
     if config.getoption("--full") or config.args_source is pytest.Config.ArgsSource.ARGS:
         config.option.slow = True  # workers are told
     if not config.getoption("--full"):

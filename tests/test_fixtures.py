@@ -216,6 +216,48 @@ def test_a_test_that_leaves_gl_objects_or_errors_behind_is_an_error(run_pytest):
     assert "AssertionError: GL error left unread: GL_INVALID_VALUE" in output
 
 
+COSTLY = """
+import subprocess, sys
+BURN = "import time\\nwhile time.process_time() < 1.2: pass"
+
+def test_its_process_is_slow():
+    subprocess.run([sys.executable, "-c", BURN], check=True)
+
+def test_quick():
+    pass
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [(), ("-n", "1")], ids=["here", "in a worker"])
+def test_costs_count_processes_that_a_test_starts(run_pytest, workers):
+    status, output = run_pytest(COSTLY, "--costs", *workers)
+
+    assert status == 0
+    assert "2 tests took" in output
+    costs = dict(
+        reversed(line.strip("| ").split(" | ")) for line in output.splitlines() if "| `" in line
+    )
+    assert float(costs["`test_made_up.py`: its process is slow"]) >= 1
+    assert float(costs["`test_made_up.py`"]) >= 1
+    assert "`test_made_up.py`: quick" not in costs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [(), ("-n", "1")], ids=["here", "in a worker"])
+def test_a_run_of_all_names_what_takes_long_and_is_not_marked(run_pytest, workers):
+    marked = COSTLY.replace("def test_its", "import pytest\n\n@pytest.mark.slow\ndef test_its")
+    quick = "\nloop_ms = lambda: REFERENCE_LOOP_MS / 2\n"  # a machine twice as fast
+    status, output = run_pytest(COSTLY, "--slow", *workers, conftest=quick)
+    assert status == 0
+    assert re.search(r"above 0\.8 CPU s =+\n+1\.5 s where a loop takes 11 ms", output)
+    assert re.search(
+        r"^\d\.\d s  test_made_up\.py::test_its_process_is_slow$", output, re.MULTILINE
+    )
+    for source, conftest in ((marked, quick), (COSTLY, quick.replace("/ 2", "* 200"))):
+        assert "not marked slow" not in run_pytest(source, "--slow", *workers, conftest=conftest)[1]
+
+
 HABITS = """
 import atexit, os, sys
 atexit.register(print, "over")
@@ -258,3 +300,10 @@ def test_a_forked_process_that_nobody_waits_for_leaves_nothing_open():
     for each in written:
         with pytest.raises(OSError, match="Bad file descriptor"):
             os.fstat(each)
+
+
+def test_costs_count_forked_processes():
+    before_s = sum(forked.COSTS_S)
+    forked.run(code="import time\nwhile time.process_time() < 0.5: pass")
+
+    assert sum(forked.COSTS_S) - before_s >= 0.4

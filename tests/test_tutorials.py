@@ -2,12 +2,12 @@
 
 import random
 import re
-import sys
 from pathlib import Path
 from statistics import NormalDist
 
 import pictures
 import pytest
+from forked import programs
 
 pytestmark = pytest.mark.slow
 
@@ -24,9 +24,7 @@ def walked(tmp_path_factory):
     def walk(name: str) -> tuple[str, Path]:
         if name not in done:
             folder = tmp_path_factory.mktemp(name)
-            ran = pictures.run(
-                REPOSITORY / f"docs/tutorials/{name}.md", folder, Path(sys.executable).parent
-            )
+            ran = pictures.run(REPOSITORY / f"docs/tutorials/{name}.md", folder, programs())
             assert ran.returncode == 0, f"{ran.stdout}{ran.stderr}"
             assert "Traceback" not in ran.stderr
             done[name] = (ran.stdout, folder)

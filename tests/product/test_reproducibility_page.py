@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from forked import programs
 
 pytestmark = pytest.mark.slow
 
@@ -15,7 +16,11 @@ def test_equal_commands_give_equal_bytes_as_the_page_shows(repository, tmp_path)
     text = (repository / "docs/reproducibility.md").read_text(encoding="utf-8")
     (block,) = re.findall(r"^```bash\n(.*?)^```", text, flags=re.M | re.S)
     assert block.count("diff -r") == 2
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    # The second of each is a process of its own, which hashes texts by another seed.
+    own = Path(sys.executable).parent / "metamerlab"
+    block, count = re.subn(r"^metamerlab (?=.* second )", f"{own} ", block, flags=re.M)
+    assert count == 2
+    path = f"{programs()}{os.pathsep}{os.environ['PATH']}"
 
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", block],
