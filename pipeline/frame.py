@@ -17,6 +17,8 @@ from pipeline.errors import InputError
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
+AnyArray: TypeAlias = NDArray[Any]
+"""Array of any kind of number, as files hold them."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value
@@ -97,7 +99,7 @@ class WarpedFrame:
         return self.hole.shape[0], self.hole.shape[1]
 
 
-def check_colour(array: NDArray[Any], name: str) -> None:
+def check_colour(array: AnyArray, name: str) -> None:
     """Require encoded colour: float32 (H, W, 3), finite, in [0, 1]."""
     _check_array(array, name, np.float32, (None, None, 3))
     _check_every((array >= 0) & (array <= 1), array, name, "finite and in [0, 1]")  # no NaN is
@@ -106,24 +108,24 @@ def check_colour(array: NDArray[Any], name: str) -> None:
 NO_DEPTH = "; store inf there if there is nothing, else render or measure its depth again"
 
 
-def check_depth(array: NDArray[Any], name: str, *, cure: str = "") -> None:
+def check_depth(array: AnyArray, name: str, *, cure: str = "") -> None:
     """Require depth: float32 (H, W), greater than 0, inf allowed; `cure` ends the message."""
     _check_array(array, name, np.float32, (None, None))
     _check_every(array > 0, array, name, "greater than 0 (inf where there is nothing)", cure)
 
 
-def check_flow(array: NDArray[Any], name: str) -> None:
+def check_flow(array: AnyArray, name: str) -> None:
     """Require motion: float32 (H, W, 2), finite."""
     _check_array(array, name, np.float32, (None, None, 2))
     _check_every(np.isfinite(array), array, name, "finite")
 
 
-def check_hole(array: NDArray[Any], name: str) -> None:
+def check_hole(array: AnyArray, name: str) -> None:
     """Require a mask: bool (H, W)."""
     _check_array(array, name, np.bool_, (None, None))
 
 
-def check_same_size(**arrays: NDArray[Any]) -> None:
+def check_same_size(**arrays: AnyArray) -> None:
     """Require one height and width for all of `arrays`, named by their keywords."""
     sizes = {name: array.shape[:2] for name, array in arrays.items()}
     if len(set(sizes.values())) > 1:
@@ -132,7 +134,7 @@ def check_same_size(**arrays: NDArray[Any]) -> None:
 
 
 def check_file_size(
-    path: Path | str, array: NDArray[Any], picture: Path | str, colour: NDArray[Any]
+    path: Path | str, array: AnyArray, picture: Path | str, colour: AnyArray
 ) -> None:
     """Require that a file of numbers is as large as its picture."""
     (height, width), (rows, columns) = array.shape[:2], colour.shape[:2]
@@ -153,7 +155,7 @@ def check_some_known(hole: NDArray[np.bool_]) -> None:
 
 
 def _check_array(
-    array: NDArray[Any], name: str, dtype: type[np.generic], shape: tuple[int | None, ...]
+    array: AnyArray, name: str, dtype: type[np.generic], shape: tuple[int | None, ...]
 ) -> None:
     if not isinstance(array, np.ndarray):
         raise InputError(f"{name} must be a numpy array (got {type(array).__name__})")
@@ -171,7 +173,7 @@ def _check_array(
 
 
 def _check_every(
-    good: NDArray[np.bool_], array: NDArray[Any], name: str, rule: str, cure: str = ""
+    good: NDArray[np.bool_], array: AnyArray, name: str, rule: str, cure: str = ""
 ) -> None:
     if not good.all():  # by pixel only then: that takes a hundred times as long
         bad = ~good.reshape(*array.shape[:2], -1).all(axis=-1)

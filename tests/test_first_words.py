@@ -18,7 +18,7 @@ HEADS = "what|where|how|whether|which|who|whom|whose|why|when"
 WORDS = rf"(?:(?:the|a|an|of|at|by|in)\s+)?(?:{HEADS})(?:ever)?\b"  # nor "The what", "By how"
 VERBS = "return|yield|say|tell|give|compute"  # in packages: "Return what it is" names nothing
 HEADLESS = re.compile(rf"\s*{WORDS}", re.IGNORECASE)
-NAMELESS = re.compile(rf"\s*(?:(?:{VERBS})s?\s+)?{WORDS}", re.IGNORECASE)
+NAMELESS = re.compile(rf"\s*(?:of\s|(?:(?:{VERBS})s?\s+)?{WORDS})", re.IGNORECASE)  # nor "Of"
 SUSPECT = re.compile(f"[\"']{NAMELESS.pattern}", re.IGNORECASE)  # of these alone we read the syntax
 TITLED = {
     *("Column", "ResultColumn", "told"),

@@ -47,9 +47,9 @@ DEFAULT_QUALITY = 75
 LEAST_QUALITY = 50
 """Lowest quality of the codec where a size is asked for: fewer angles are better than less."""
 MAP_QUALITY = 50
-"""Of the atlas: maps are smooth, and half of an error in them is not seen."""
+"""Quality of the atlas: maps are smooth, and half of an error in them is not seen."""
 FIRST_SHARE = 0.15
-"""Of a size that is asked for: what maps are taken to need before they are made."""
+"""Share of a size that is asked for, which maps are taken to need before they are made."""
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ FARTHEST = 4
 """Edges of the picture that a gaze may lie away from it."""
 MOST_FRAMES = FIXED["compressed_frames"].most
 LARGEST_SCALE = 4.0
-"""Of a deviation: coefficients of colour in [0, 1] have less."""
+"""Largest deviation: coefficients of colour in [0, 1] have less."""
 
 # width, height, gaze x, gaze y, angles, codec, quality, levels, frames, held frames
 _HEADER = struct.Struct("<4sB3x II dd HBBB x IH")

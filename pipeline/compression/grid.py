@@ -147,7 +147,7 @@ class PolarGrid:
 
 
 MOST_SAMPLES = 32
-"""Of a cell along an axis: the paper's bound R, section 5.1.2."""
+"""Most samples of a cell along an axis: the paper's bound R, section 5.1.2."""
 SAMPLES_PER_PX = 1.5
 MARGIN = 1  # rows: as far as linear interpolation reaches beyond a cell's middle
 

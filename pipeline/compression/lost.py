@@ -32,7 +32,7 @@ MOST_LEVELS = 5
 COARSER = 9
 """Cells of the base along an edge of a map's cell."""
 VALUES = 5
-"""Of a cell of a map: luma's variance in three bands, and the slopes of Cb and Cr."""
+"""Number of values of a map's cell: luma's variance in three bands, and the slopes of Cb and Cr."""
 
 
 @dataclass(frozen=True, eq=False)

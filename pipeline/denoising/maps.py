@@ -96,10 +96,10 @@ def composed(renders: NDArray[np.floating], exponents: NDArray[np.intp]) -> NDAr
 
 
 LEVELS = 5
-"""Of the pyramid, as `MetamerSettings` has it; small pictures have fewer."""
+"""Number of levels of the pyramid, as `MetamerSettings` has it; small pictures have fewer."""
 BLOCK_PX = 1 << BLOCK_HALVINGS
 MOST_SLOPE = 2.0
-"""Of chroma on luma: where luma hardly varies, small errors must not grow into colour."""
+"""Bound of chroma on luma: where luma hardly varies, small errors must not grow into colour."""
 
 
 @dataclass(frozen=True, eq=False)

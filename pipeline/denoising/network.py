@@ -33,7 +33,7 @@ Kind = Literal["moments", "rgb"]
 Colour = NDArray[np.float32]
 
 VALUES = 5
-"""Of a level, in ``maps``: deviations of three bands, Cb and Cr."""
+"""Number of values of a level, in ``maps``: deviations of three bands, Cb and Cr."""
 LOD_SCALE, MAPS_SCALE = 8.0, 1 / 8
 """Levels of detail and moments are divided by these, to be about as large as colours."""
 MULTIPLE_PX = 8

@@ -16,7 +16,7 @@ from pipeline.foveation.geometry import Geometry, pixel_centres
 from pipeline.frame import Floats
 
 GAP_SHARE = 0.2
-"""Of the ring's height: stroke and gap (ISO 8596)."""
+"""Stroke and gap, as a share of the ring's height (ISO 8596)."""
 FINER = 8
 """Samples per pixel edge."""
 

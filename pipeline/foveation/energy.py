@@ -37,7 +37,7 @@ from pipeline.foveation.panorama import by_charts
 from pipeline.foveation.picture_fixation import Colour, PictureFixation
 from pipeline.foveation.pooling import LAWS, PoolingParameters, Pools
 from pipeline.foveation.reference import blurred, finished
-from pipeline.frame import Floats
+from pipeline.frame import AnyArray, Floats
 from pipeline.noise.tile import Stream, white_noise
 from protocols.disk.whole_file import whole_file
 from protocols.errors import must_be_one_of
@@ -319,7 +319,7 @@ def _magnitude(square: Tensor) -> Tensor:
     return (square + SMALLEST_MAGNITUDE**2).sqrt()
 
 
-def _tensor(values: NDArray[Any]) -> Tensor:
+def _tensor(values: AnyArray) -> Tensor:
     import torch
 
     return torch.from_numpy(np.array(values, np.float32))  # a copy: what is given may be read-only

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry, check_edges, check_gaze
 from pipeline.foveation.pooling import Pooling, Pools
-from pipeline.frame import check_seed
+from pipeline.frame import AnyArray, check_seed
 
 Colour = NDArray[np.float32]
 
@@ -97,7 +96,7 @@ def float_picture(picture: NDArray[np.floating]) -> Colour:
     return np.ascontiguousarray(array, np.float32)
 
 
-def check_held(picture: NDArray[Any]) -> Colour | NDArray[np.uint8]:
+def check_held(picture: AnyArray) -> Colour | NDArray[np.uint8]:
     """Return a picture (H, W, 3) of 8 bits as it is, any other as `float_picture` does."""
     array = np.asarray(picture)
     if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:

@@ -267,9 +267,9 @@ FREE, BOUND = 2.5, 1.5
 """Deviations from the nearest end: noise is normal beyond the first, bound within
 the second, and mixed between. Wholly bound, pale skies would lose."""
 LEAST_VALUE = 1e-4
-"""Of a base, from either end: where the normal distribution function is inverted."""
+"""Least share of a base, from either end: where the normal distribution function is inverted."""
 MOST_FILLED = 0.98
-"""Of the variance of black and white without grey."""
+"""Share of the variance of black and white without grey."""
 STEEPEST = 4.0
 """Steeper, the rounding of noise to half floats would show."""
 SHARPENED = 0.15

@@ -163,7 +163,7 @@ def make_pooling(
 
 
 FADE_SHARE = 0.25
-"""Of the fovea's radius: over it what is changed fades in."""
+"""Share of the fovea's radius over which what is changed fades in."""
 
 
 def halving_variance() -> float:

@@ -30,7 +30,7 @@ from pipeline.frame import Floats
 from pipeline.noise.gains import fitted_mixing, spectral_gains
 
 AIM = 1.0
-"""Of the noise's deviation over the one that was pooled; fills ask for more, see mixing.AIM."""
+"""Ratio of the noise's deviation to the pooled one; fills ask for more, see mixing.AIM."""
 COLOURED = 0.5
 """Chroma's variance over luma's from which on noise keeps to its pool's colours. Grey noise has all
 of the display: bound to few greys, it would lose statistics."""

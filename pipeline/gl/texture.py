@@ -5,13 +5,13 @@ and the pass hosts. Row 0 of an array is texel row 0.
 """
 
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import GLUnavailableError, InputError
+from pipeline.frame import AnyArray
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def check_size(ctx: moderngl.Context, size: tuple[int, int]) -> None:
         )
 
 
-def upload(texture: moderngl.Texture, array: NDArray[Any]) -> None:
+def upload(texture: moderngl.Texture, array: AnyArray) -> None:
     """Copy `array` of shape (height, width[, components]) into `texture`.
 
     Raises
@@ -185,7 +185,7 @@ def upload(texture: moderngl.Texture, array: NDArray[Any]) -> None:
     texture.write(np.ascontiguousarray(array), alignment=1)
 
 
-def read_back(texture: moderngl.Texture) -> NDArray[Any]:
+def read_back(texture: moderngl.Texture) -> AnyArray:
     """Copy `texture` into a new array of shape (height, width[, components]).
 
     What a shader stored arrives only after a memory barrier, which is the writing pass's.
@@ -196,7 +196,7 @@ def read_back(texture: moderngl.Texture) -> NDArray[Any]:
     return array
 
 
-def texture_from(ctx: moderngl.Context, array: NDArray[Any], format_name: str) -> moderngl.Texture:
+def texture_from(ctx: moderngl.Context, array: AnyArray, format_name: str) -> moderngl.Texture:
     """Make a texture of `array`'s size and upload it.
 
     Raises
@@ -223,7 +223,7 @@ def _shape(size: tuple[int, int], fmt: Format) -> tuple[int, ...]:
     return plane if fmt.components == 1 else (*plane, fmt.components)
 
 
-def _check_array(array: NDArray[Any], fmt: Format, shape: tuple[int, ...]) -> None:
+def _check_array(array: AnyArray, fmt: Format, shape: tuple[int, ...]) -> None:
     if array.shape != shape or array.dtype != np.dtype(fmt.array_dtype):
         raise InputError(
             f"array must be {np.dtype(fmt.array_dtype)} of shape {shape} for a {fmt.name} texture"

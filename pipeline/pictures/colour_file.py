@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour import decode_srgb, encode_srgb
 from pipeline.errors import InputError, note
-from pipeline.frame import check_colour
+from pipeline.frame import AnyArray, check_colour
 from pipeline.pictures.channels import Channels, alpha_of, colour_layer, light_of, need, told_name
 from pipeline.pictures.decode import (
     StoredPixels,
@@ -146,7 +146,7 @@ def save_colour(path: str | Path, colour: NDArray[np.float32], *, bits: int | No
     write_pixels(path, steps, ("R", "G", "B"))
 
 
-def check_finite_light(path: Path, colour: NDArray[Any]) -> None:
+def check_finite_light(path: Path, colour: AnyArray) -> None:
     """Refuse colour, shape (H, W, C), that is infinite or no number.
 
     Raises
@@ -339,7 +339,7 @@ def _transparent(reading: PictureReading) -> str:
 
 def _colour_and_alpha(
     path: Path, pixels: StoredPixels, notes: list[str]
-) -> tuple[NDArray[Any], NDArray[np.float32] | None]:
+) -> tuple[AnyArray, NDArray[np.float32] | None]:
     """Red, green and blue as stored, and alpha in [0, 1] unless it is 1 everywhere."""
     data, names = pixels.data, pixels.channels
     if is_layered(path, pixels):
@@ -369,7 +369,7 @@ def _colour_and_alpha(
     )
 
 
-def _alpha(path: Path, plane: NDArray[Any] | None) -> NDArray[np.float32] | None:
+def _alpha(path: Path, plane: AnyArray | None) -> NDArray[np.float32] | None:
     """Alpha of shape (H, W, 1) in [0, 1]; None if it is 1 everywhere."""
     if plane is None:
         return None
@@ -381,7 +381,7 @@ def _alpha(path: Path, plane: NDArray[Any] | None) -> NDArray[np.float32] | None
 
 def _shown(
     path: Path,
-    stored: NDArray[Any],
+    stored: AnyArray,
     reading: PictureReading,
     notes: list[str],
     *,
@@ -426,7 +426,7 @@ def _shown(
     return np.asarray(light if encoded else encode_srgb(light), np.float32).clip(0, 1)
 
 
-def _upright(colour: NDArray[Any], pixels: StoredPixels, notes: list[str]) -> NDArray[Any]:
+def _upright(colour: AnyArray, pixels: StoredPixels, notes: list[str]) -> AnyArray:
     """Turn a photograph as its camera was held: the eight orientations of Exif."""
     orientation = int(pixels.attributes.get("Orientation", 1))
     if orientation in range(2, 9):

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.errors import InputError, note
+from pipeline.frame import AnyArray
 from pipeline.pictures.channels import Planes, check_opaque
 from pipeline.pictures.header import (
     UPRIGHT_EXIF,
@@ -66,7 +67,7 @@ class StoredPixels:
         OpenImageIO's name of the format.
     """
 
-    data: NDArray[Any]
+    data: AnyArray
     channels: tuple[str, ...]
     attributes: Mapping[str, Any] = field(default_factory=dict)
     kind: str = ""
@@ -153,9 +154,7 @@ def _avif_pixels(path: Path, image: Image.Image) -> StoredPixels:
         return StoredPixels(data.reshape(*data.shape[:2], -1), image.getbands(), said, "avif")
 
 
-def in_display_window(
-    path: Path, spec: oiio.ImageSpec, kind: str, data: NDArray[Any]
-) -> NDArray[Any]:
+def in_display_window(path: Path, spec: oiio.ImageSpec, kind: str, data: AnyArray) -> AnyArray:
     """Cut what lies around a picture's display window, which is the picture by OpenEXR's word.
 
     Raises
@@ -187,7 +186,7 @@ def _bits(path: Path, name: str, attributes: Mapping[str, Any]) -> int | None:
     return None if said is None else int(said)
 
 
-def _narrow(data: NDArray[Any], bits: int | None) -> NDArray[Any]:
+def _narrow(data: AnyArray, bits: int | None) -> AnyArray:
     """Undo the stretch of a few bits to 8 or 16."""
     if bits is None or bits >= 8 * data.dtype.itemsize:
         return data
@@ -262,7 +261,7 @@ def _check_header(
     check_statements(path, pixels.kind, found, (use,), handled=handled, **how)
 
 
-def three_channels(path: Path, pixels: StoredPixels, *, encoded: bool = False) -> NDArray[Any]:
+def three_channels(path: Path, pixels: StoredPixels, *, encoded: bool = False) -> AnyArray:
     """Return `pixels` as red, green, blue of shape (H, W, 3), as stored; grey becomes three.
 
     Raises
@@ -318,7 +317,7 @@ _HEADER_BYTES = 4096
 _CHANNELS = {"P3": 3, "P6": 3, "PF": 3}
 
 
-def read_netpbm(path: Path, stretched: bool) -> NDArray[Any] | None:
+def read_netpbm(path: Path, stretched: bool) -> AnyArray | None:
     """Return the numbers of a PGM, PPM or PFM file; None where it is none, or a bitmap.
 
     Shape (H, W, C), the upper row first. Integers are as stored, or `stretched`: in shares of the

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError, note
-from pipeline.frame import Bools, Floats, check_depth
+from pipeline.frame import AnyArray, Bools, Floats, check_depth
 from pipeline.pictures.channels import EMPTY_DEPTH, lone_plane
 from pipeline.pictures.decode import check_numbers, read_parts, read_pixels
 from pipeline.pictures.header import check_fits, count_pictures
@@ -162,7 +162,7 @@ def along_axis(
 
 def _ask_about_impossible(
     path: Path,
-    stored: NDArray[Any],
+    stored: AnyArray,
     pixels: Floats,
     missing: Bools,
     negative: Bools,
@@ -195,9 +195,7 @@ def _ask_about_impossible(
             )
 
 
-def _unknown(
-    stored: NDArray[Any], named: float | None, told: Unknown, *, zero: bool = True
-) -> Bools:
+def _unknown(stored: AnyArray, named: float | None, told: Unknown, *, zero: bool = True) -> Bools:
     """True where a number stands for "unknown" for sure: by type, header, or what was told."""
     numbers = [*(told or ()), *(() if named is None else (named,))]
     if zero and stored.dtype.kind in "iu":
@@ -209,7 +207,7 @@ def _unknown(
 
 
 def _impossible_stand_in(
-    path: Path, stored: NDArray[Any], impossible: Bools, numbers: Sequence[float]
+    path: Path, stored: AnyArray, impossible: Bools, numbers: Sequence[float]
 ) -> Bools:
     """The impossible pixels, where all hold one of `numbers`, which then stands for "unknown"."""
     held = np.unique(stored[impossible])
@@ -221,7 +219,7 @@ def _impossible_stand_in(
 
 def _ask(
     path: Path,
-    stored: NDArray[Any],
+    stored: AnyArray,
     missing: Bools,
     lowest: Sequence[float],
     apart: float,
@@ -277,7 +275,7 @@ def _check_sign(path: Path, below: Floats, known: int) -> None:
         )
 
 
-def _held(stored: NDArray[Any], where: Bools) -> str:
+def _held(stored: AnyArray, where: Bools) -> str:
     """Numbers at some pixels, and at how many each, in words."""
     numbers, counts = np.unique(stored[where], return_counts=True)
     listed = [
@@ -325,7 +323,7 @@ def _largest(dtype: np.dtype[Any], number: float) -> float:
     return 65535.0 if dtype.itemsize > 2 and number <= 65535 else most
 
 
-def check_byte_order(path: Path, stored: NDArray[Any]) -> None:
+def check_byte_order(path: Path, stored: AnyArray) -> None:
     """Refuse numbers that make sense only with their bytes in the other order.
 
     Raises
@@ -349,26 +347,26 @@ def check_byte_order(path: Path, stored: NDArray[Any]) -> None:
         )
 
 
-def _doubles(stored: NDArray[Any]) -> Floats:
+def _doubles(stored: AnyArray) -> Floats:
     with np.errstate(invalid="ignore", over="ignore"):  # damaged floats may be signals
         return stored.astype(np.float64)
 
 
-def _absurd(values: NDArray[Any]) -> float:
+def _absurd(values: AnyArray) -> float:
     """Share of the numbers other than 0 that are no distance in any unit."""
     size = np.abs(_doubles(values))
     size = size[np.isfinite(size) & (size != 0)]
     return float(((size < _SMALLEST) | (size > _LARGEST)).mean()) if size.size else 0.0
 
 
-def _roughness(values: NDArray[Any]) -> float:
+def _roughness(values: AnyArray) -> float:
     """Mean step along the rows, of the whole range."""
     extent = float(values.max()) - float(values.min())
     steps = np.abs(np.diff(values.astype(np.float64), axis=1))
     return float(steps.mean()) / extent if extent > 0 and steps.size else 0.0
 
 
-def _read(path: Path, scale: float = 0.0) -> tuple[NDArray[Any], float | None]:
+def _read(path: Path, scale: float = 0.0) -> tuple[AnyArray, float | None]:
     """Numbers as stored, and the one that the header names for "unknown".
 
     A `scale` of 1 is that of depth in metres.
@@ -411,7 +409,7 @@ def _read(path: Path, scale: float = 0.0) -> tuple[NDArray[Any], float | None]:
     )
 
 
-def _load_array(path: Path) -> NDArray[Any]:
+def _load_array(path: Path) -> AnyArray:
     """Return the one array of a numpy file, after a look at the size that it states."""
     if not zipfile.is_zipfile(path):
         with path.open("rb") as file:

@@ -32,6 +32,8 @@ _XMP_OF_PNG = b"XML:com.adobe.xmp\0\0"
 _XMP_OF_JPEG = b"http://ns.adobe.com/xap/1.0/"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 Statements = Mapping[str, Any]
+Chunks = Iterator[tuple[int, str, Any]]
+"""Part, key and value of each statement, in the order of the file."""
 
 
 def read_statements(path: Path, kind: str) -> list[Statements]:
@@ -64,7 +66,7 @@ def read_statements(path: Path, kind: str) -> list[Statements]:
     return list(parts)
 
 
-def _png(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+def _png(file: BinaryIO) -> Chunks:
     """Chunks by name."""
     if file.read(8) != _PNG_START:
         return
@@ -81,7 +83,7 @@ def _png(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
             return
 
 
-def _jpeg(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+def _jpeg(file: BinaryIO) -> Chunks:
     """Segments: of applications by number and by what they begin with."""
     file.seek(2)
     while len(head := file.read(2)) == 2 and head[0] == 0xFF:
@@ -102,7 +104,7 @@ def _jpeg(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
             yield 0, "COM", data
 
 
-def _tiff(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+def _tiff(file: BinaryIO) -> Chunks:
     """Tags of the first page by number."""
     head = file.read(16)
     order = "<" if head[:2] == b"II" else ">"
@@ -138,7 +140,7 @@ def _tiff_value(order: str, kind: int, form: str, number: int, data: bytes) -> A
     return values
 
 
-def _openexr(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+def _openexr(file: BinaryIO) -> Chunks:
     """Attributes of each part by name."""
     (flags,) = struct.unpack("<4xI", file.read(8))
     part = 0
@@ -169,7 +171,7 @@ def _exr_value(kind: str, data: bytes) -> Any:
     return data
 
 
-def _hdr(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+def _hdr(file: BinaryIO) -> Chunks:
     """Lines NAME=VALUE, and the line of the size."""
     for _ in range(_MOST):
         line = file.readline(4096).decode("latin-1").strip()
@@ -181,7 +183,7 @@ def _hdr(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
     yield 0, "size", " ".join(re.findall(r"[-+][XY]", file.readline(4096).decode("latin-1")))
 
 
-def _webp(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+def _webp(file: BinaryIO) -> Chunks:
     """Chunks by name."""
     file.seek(12)
     while len(head := file.read(8)) == 8:
@@ -190,7 +192,7 @@ def _webp(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
         file.seek(length % 2, 1)
 
 
-def _bmp(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+def _bmp(file: BinaryIO) -> Chunks:
     """The colour space of a header of version 4 or 5."""
     head = file.read(74)
     (size,) = struct.unpack_from("<I", head, 14)
@@ -200,11 +202,11 @@ def _bmp(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
     yield 0, "pixels per metre", (across, down)
 
 
-def _gif(file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+def _gif(file: BinaryIO) -> Chunks:
     yield 0, "pixel aspect", file.read(13)[12]
 
 
-def _pnm(_file: BinaryIO) -> Iterator[tuple[int, str, Any]]:
+def _pnm(_file: BinaryIO) -> Chunks:
     """Nothing beside the pixels."""
     yield from ()
 
@@ -234,7 +236,7 @@ def _word(file: BinaryIO) -> str:
     return found.decode("utf-8", "replace")
 
 
-WALKERS: Final[Mapping[str, Callable[[BinaryIO], Iterator[tuple[int, str, Any]]]]] = {
+WALKERS: Final[Mapping[str, Callable[[BinaryIO], Chunks]]] = {
     "png": _png,
     "jpeg": _jpeg,
     "tiff": _tiff,

@@ -9,9 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813  its own documentation calls it so
-from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import AnyArray
 from pipeline.pictures.decode import pixels_of
 from protocols.disk.whole_file import whole_path
 from protocols.outside import visible_line
@@ -27,7 +27,7 @@ FREE_SPACE: Final = "free some space on this disk, or choose another one"
 
 def write_pixels(
     path: Path,
-    data: NDArray[Any],
+    data: AnyArray,
     channels: Sequence[str],
     *,
     types: Sequence[str] = (),

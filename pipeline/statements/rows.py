@@ -313,7 +313,7 @@ _REMARKS = (
     "|deepImageState"
 )
 COLOUR_SPACES: Final = ("oiio:ColorSpace", "colorInteropID", "colorSpace")
-"""Of floats; they say what `pipeline.pictures.colour_file.Transfer` says."""
+"""Statements of floats; they say what `pipeline.pictures.colour_file.Transfer` says."""
 
 _PICTURES = (
     Row("any", "Orientation", "refused", "must be stored upright; turn it and save it again",

@@ -124,7 +124,7 @@ Put = Callable[[int | None, int, int, BakedRows], None]
 """Takes rows of a plane: its level (None: colour), its halvings, the first row's number."""
 
 STRIP_TEXELS = 1 << 18
-"""Of the texture at a time: what bounds memory, unless a row has more."""
+"""Pixels of the texture at a time: what bounds memory, unless a row has more."""
 
 
 class RowOperator:

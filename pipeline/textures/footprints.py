@@ -21,7 +21,7 @@ PlaneKey = tuple[int | None, int]
 """Level (None: colour) and halvings of a plane."""
 
 COLOUR_BYTES = 4
-"""Of a texel, as GPUs keep it."""
+"""Bytes of a texel, as GPUs keep it."""
 LINE_BYTES = 64
 _CHUNK = 1 << 21  # fragments at a time
 

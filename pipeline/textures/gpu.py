@@ -6,12 +6,12 @@ from typing import Any, Literal
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import GLUnavailableError
 from pipeline.foveation.noise_plane import GRAIN
 from pipeline.foveation.picture_pass import PoolUniforms
 from pipeline.foveation.pooled_moments import BOUND_CONSTANTS
+from pipeline.frame import AnyArray
 from pipeline.gl.shader import Constant, flatten
 from pipeline.gl.texture import check_size
 from pipeline.noise.gains import UNSEEN_VARIANCE
@@ -182,7 +182,7 @@ def _stacked(ctx: moderngl.Context, images: Any, components: int, dtype: str) ->
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     row = 0
     for image in images:
-        data: NDArray[Any] = np.ascontiguousarray(image)
+        data: AnyArray = np.ascontiguousarray(image)
         texture.write(data.tobytes(), (0, row, image.shape[1], len(image)), alignment=1)
         row += len(image)
     return texture

@@ -34,13 +34,13 @@ INSTALL = (
     "install it with: pip install 'metamerlab[denoise]' (in a checkout: script/setup --denoise)"
 )
 VARIANT = "scalar_rgb"
-"""Of Mitsuba: runs everywhere, and gives equal bytes on any number of threads."""
+"""Variant of Mitsuba: runs everywhere, and gives equal bytes on any number of threads."""
 BOUNCES = 4
-"""Of light, at most, the one to the eye included."""
+"""Bounces of light at most, the one to the eye included."""
 WHITE = 3.2  # of tone_map, as in stimuli/rendering/shaders/light.glsl
 FARTHEST_SEED = 2**31
 WIDTH_DEG = 40.0
-"""Of all pictures, on the eye."""
+"""Width of all pictures, on the eye."""
 SCENE_SEED = 1
 # How far views lie from where a scene begins: in distances to what it looks at, and degrees.
 SHIFT = (0.16, 0.05, 0.12)  # right, down, forward

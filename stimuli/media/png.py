@@ -5,13 +5,13 @@ from __future__ import annotations
 import struct
 import zlib
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
+from pipeline.frame import AnyArray
 from pipeline.pictures.size_limits import check_values
 from protocols.outside import reading
 
@@ -43,7 +43,7 @@ def encode_mask(mask: NDArray[np.bool_]) -> bytes:
     return _encode(mask.astype(np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])
 
 
-def decode_png(path: Path) -> NDArray[Any]:
+def decode_png(path: Path) -> AnyArray:
     """Read a PNG as stored: (H, W, 3) in red, green, blue, or (H, W).
 
     Raises
@@ -93,7 +93,7 @@ def is_whole_png(data: bytes) -> bool:
     return False
 
 
-def _encode(image: NDArray[Any], options: list[int]) -> bytes:
+def _encode(image: AnyArray, options: list[int]) -> bytes:
     done, data = cv2.imencode(".png", np.ascontiguousarray(image), options)
     if not done:
         raise InputError(f"a frame of {image.shape} could not be encoded as PNG")

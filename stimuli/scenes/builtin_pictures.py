@@ -25,7 +25,7 @@ from stimuli.scenes.builtin_scenes import SCENES, build_scene, scene_names
 
 NOTICES = "notices"
 SEED = 1
-"""Of every scene: a name is one picture."""
+"""Seed of every scene: a name is one picture."""
 _DRAWN_PX = 2160  # high the wall is drawn; then it is scaled
 _SYLLABLES = [first + second for first in "bdfghklmnprstvw" for second in "aeio"]
 

@@ -31,7 +31,7 @@ FOVEA_DEG = 1.0
 LEAST_COUNT = 32
 """Fewer coefficients in a ring are no statistic."""
 LEAST_DEVIATION = 0.5 / 255
-"""Of the reference's band: below half a step of 255 there is nothing to have a ratio to."""
+"""Least deviation of the reference's band: below half a step of 255 no ratio means anything."""
 
 
 def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> PairScores:

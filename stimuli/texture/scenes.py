@@ -13,7 +13,7 @@ from pipeline.errors import InputError
 from protocols.errors import must_be_one_of
 
 WIDTH_DEG = 40.0
-"""Of the picture, as long as nothing else is said."""
+"""Width of the picture, as long as nothing else is said."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def open_textured_scene(name: str) -> TexturedScene:
 
 
 ROWS = 96
-"""Of a globe's triangles, from pole to pole."""
+"""Rows of a globe's triangles, from pole to pole."""
 
 
 @lru_cache(maxsize=8)

@@ -15,6 +15,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.catalogue import Metamer
 from pipeline.foveation.conditions import create_condition
 from pipeline.foveation.pooling import MetamerSettings
+from pipeline.frame import AnyArray
 from pipeline.pictures import drawing
 from pipeline.pictures.decode import read_pixels, three_channels
 from pipeline.pictures.header import check_fits
@@ -85,7 +86,7 @@ def bake_file(
     return layout
 
 
-def _eight_bits(texture: NDArray[Any]) -> Iterator[NDArray[np.uint8]]:
+def _eight_bits(texture: AnyArray) -> Iterator[NDArray[np.uint8]]:
     largest = int(np.iinfo(texture.dtype).max)
     for rows in strips(texture):
         yield rows if largest == 255 else np.rint(rows * (255 / largest)).astype(np.uint8)

@@ -28,7 +28,7 @@ DOT_SHARE = 1 / 60
 """Width of the dot, in widths of the picture."""
 DOT = (255, 220, 0)
 FRAMES = ((255, 220, 0), (0, 200, 255), (255, 90, 200))
-"""Of the crop of the fovea, then of the periphery's."""
+"""Colours of the crop of the fovea, then of the periphery's."""
 
 
 @dataclass(frozen=True, eq=False)
