@@ -42,6 +42,7 @@ class PreferencePlan(AnalysisPlan):
     primary: tuple[str, str, str] | None
     """Method, against, and size, "all" for all together; None: a table declares none."""
     planned_participants: int | None = None
+    planned_trials: int | None = None
 
     test = SectionKey[Literal["participant-scene", "participant", "pooled"]]()
     correction = SectionKey[Literal["holm", "none"]]()
@@ -133,6 +134,9 @@ def preference_plan(study: StudyProtocol) -> PreferencePlan:
         labels=dict(recipe.labels()),
         primary=(primary.method, primary.against, primary.size or "all"),
         planned_participants=study.study.participants,
+        planned_trials=sum(
+            len(entry.scenes) * entry.repeats for entry in comparisons if entry.scenes
+        ),
     )
 
 

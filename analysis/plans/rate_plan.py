@@ -37,6 +37,7 @@ class RatePlan(AnalysisPlan):
     signal: str = ""
     labels: Mapping[str, str]
     planned_participants: int | None = None
+    planned_trials: int | None = None
     rule: str = "alternatives"
     """Name of the answer rule, by which participants are taken to decide."""
     guess: float | None
@@ -158,6 +159,7 @@ def rate_plan(study: StudyProtocol) -> RatePlan:
         guess=1.0 / len(task.answers()),
         labels={**answers, **study.stimuli.labels(), **task.labels()},
         planned_participants=study.study.participants,
+        planned_trials=rule.trials_of(task, pool) if rule else len(cells) * pool.repeats,
         shape=shape,
         rule=getattr(analysis, "rule", task.rule),
     )

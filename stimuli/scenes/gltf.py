@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.frame import AnyArray
-from stimuli.scenes.mesh_features import NUMBERS, GltfObject, Notes, row_of, unsupported
+from stimuli.scenes.mesh_features import NUMBERS, Notes, row_of, unsupported
 from stimuli.scenes.mesh_inputs import bytes_of_buffer, data_of_uri, file_of_name, is_data
 from stimuli.scenes.mesh_surface import PixelBytes, Shape, Surface, Wrap, decoded, shares
 
@@ -74,7 +74,7 @@ class Document:
         Is told what is not drawn.
     """
 
-    def __init__(self, path: Path, read: GltfObject, notes: Notes) -> None:
+    def __init__(self, path: Path, read: dict[str, Any], notes: Notes) -> None:
         self.path, self.read, self.notes = path, read, notes
         self._buffers = [self._buffer(number) for number in range(len(read.get("buffers", [])))]
         self._pictures: dict[int, PixelBytes] = {}
@@ -99,7 +99,7 @@ class Document:
                     # A skin's joints place it, and its own node does not (3.7.3.3).
                     yield shape if "skin" in node else replace(shape, places=places)
 
-    def _entry(self, kind: str, index: object, picture: str = "") -> GltfObject:
+    def _entry(self, kind: str, index: object, picture: str = "") -> dict[str, Any]:
         entries = self.read.get(kind, [])
         if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(entries):
             lost = f"{kind} has no entry {str(index)[:40]}"
@@ -108,13 +108,13 @@ class Document:
                     f"{self.path}: {picture} must lead to a picture (it does not: {lost}); {_AGAIN}"
                 )
             raise self._wrong(lost)
-        found: GltfObject = entries[index]
+        found: dict[str, Any] = entries[index]
         return found
 
     def _wrong(self, what: str, cure: str = _AGAIN) -> InputError:
         return InputError(f"{self.path}: must be a whole glTF 2.0 file ({what}); {cure}")
 
-    def _node(self, number: object) -> GltfObject:
+    def _node(self, number: object) -> dict[str, Any]:
         return self._entry("nodes", number)
 
     # Nodes
@@ -146,7 +146,7 @@ class Document:
             waiting += [(child, found[number]) for child in reversed(children)]
         return found
 
-    def _matrix(self, node: GltfObject) -> Array:
+    def _matrix(self, node: dict[str, Any]) -> Array:
         if "matrix" in node:
             matrix = self._numbers(node["matrix"], 16, "matrix").reshape(4, 4).T
             if not np.array_equal(matrix[3], (0, 0, 0, 1)):
@@ -193,7 +193,7 @@ class Document:
                 instances = extensions.get("EXT_mesh_gpu_instancing")
                 yield number, (world,) if instances is None else self._instances(world, instances)
 
-    def _instances(self, world: Array, instances: GltfObject) -> tuple[Array, ...]:
+    def _instances(self, world: Array, instances: dict[str, Any]) -> tuple[Array, ...]:
         attributes = instances["attributes"]
         given = {
             key: self._accessor(attributes[key.upper()], key.upper())
@@ -225,7 +225,7 @@ class Document:
     # Primitives
 
     def _primitive(
-        self, part: GltfObject, weights: list[float], joints: Array | None
+        self, part: dict[str, Any], weights: list[float], joints: Array | None
     ) -> Shape | None:
         attributes = part["attributes"]
         mode = part.get("mode", 4)
@@ -371,7 +371,9 @@ class Document:
             )
         return values
 
-    def _stored(self, entry: GltfObject, kind: np.dtype[Any], count: int, width: int) -> AnyArray:
+    def _stored(
+        self, entry: dict[str, Any], kind: np.dtype[Any], count: int, width: int
+    ) -> AnyArray:
         data, first = self._view(entry["bufferView"]), entry.get("byteOffset", 0)
         size = kind.itemsize * width
         step = self._entry("bufferViews", entry["bufferView"]).get("byteStride", size)
@@ -411,11 +413,11 @@ class Document:
     def _surface(self, index: int | None) -> tuple[Surface, _Placed]:
         key = -1 if index is None else index
         if key not in self._surfaces:
-            entry: GltfObject = {} if index is None else self._entry("materials", index)
+            entry: dict[str, Any] = {} if index is None else self._entry("materials", index)
             self._surfaces[key] = self._described(entry, str(entry.get("name", key)))
         return self._surfaces[key]
 
-    def _described(self, entry: GltfObject, name: str) -> tuple[Surface, _Placed]:
+    def _described(self, entry: dict[str, Any], name: str) -> tuple[Surface, _Placed]:
         extensions = entry.get("extensions", {})
         pbr, unlit = entry.get("pbrMetallicRoughness", {}), "KHR_materials_unlit" in extensions
         colour, texture = pbr.get("baseColorFactor", [1, 1, 1, 1]), pbr.get("baseColorTexture")
@@ -461,7 +463,7 @@ class Document:
         )
         return surface, where
 
-    def _texture(self, info: GltfObject | None, what: str) -> tuple[PixelBytes | None, _Placed]:
+    def _texture(self, info: dict[str, Any] | None, what: str) -> tuple[PixelBytes | None, _Placed]:
         if info is None:
             return None, _Placed()
         texture = self._entry("textures", info["index"], what)
@@ -501,7 +503,7 @@ class Document:
             nearest=sampler.get("magFilter") == 9728,
         )
 
-    def _wraps(self, sampler: GltfObject) -> tuple[Wrap, Wrap]:
+    def _wraps(self, sampler: dict[str, Any]) -> tuple[Wrap, Wrap]:
         found = [sampler.get(key, 10497) for key in ("wrapS", "wrapT")]
         if not set(found) <= set(_WRAPS):
             raise self._wrong(f"wrap modes must be among {[*_WRAPS]}, not {str(found)[:40]}")

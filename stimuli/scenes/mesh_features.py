@@ -24,9 +24,6 @@ _ITS_OWN, _FIRST = "its meaning is its program's own", "colours are those of COL
 _CUT = "drawn as a cut at one half; half transparent: refused"
 _NEEDS = "must not need glTF extensions that are not supported; "
 
-GltfObject = dict[str, Any]
-"""An object of a glTF document."""
-
 NUMBERS: Final = {
     5120: "byte", 5121: "unsigned byte", 5122: "short", 5123: "unsigned short",
     5125: "unsigned int", 5126: "float",
@@ -219,7 +216,7 @@ def row_of(of: str, name: str) -> Row | None:
     return next(iter(rows_about(ROWS, of, name)), None)
 
 
-def check_gltf(notes: Notes, document: GltfObject) -> None:
+def check_gltf(notes: Notes, document: dict[str, Any]) -> None:
     """Hold a whole glTF document against the table.
 
     Raises

@@ -26,7 +26,6 @@ from protocols.gone import gone
 from protocols.limits import check_within
 from protocols.outside import bounded_bytes, parsed_json, visible_line
 from stimuli.scenes.builtin_scenes import scene_names
-from stimuli.scenes.mesh_features import GltfObject
 
 ENDINGS = (".glb", ".gltf")
 _MOST_BYTES = 1 << 60
@@ -120,7 +119,7 @@ def check_lists(path: Path) -> None:
         ) from None
 
 
-def _check_gltf(path: Path, read: GltfObject, packed: int) -> None:
+def _check_gltf(path: Path, read: dict[str, Any], packed: int) -> None:
     accessors, views, nodes = (read.get(k, []) for k in ("accessors", "bufferViews", "nodes"))
     counts = [entry.get("count", 0) for entry in accessors]
     if not all(isinstance(count, int) and count >= 0 for count in counts):
@@ -148,7 +147,7 @@ def _check_gltf(path: Path, read: GltfObject, packed: int) -> None:
     _check_tree(path, nodes)
 
 
-def _bytes_of(mesh: GltfObject, counts: list[int]) -> int:
+def _bytes_of(mesh: dict[str, Any], counts: list[int]) -> int:
     """Return the memory that a mesh takes."""
     return sum(
         _VERTEX_BYTES * counts[part["attributes"]["POSITION"]]
@@ -158,7 +157,7 @@ def _bytes_of(mesh: GltfObject, counts: list[int]) -> int:
     )
 
 
-def _check_tree(path: Path, nodes: list[GltfObject]) -> None:
+def _check_tree(path: Path, nodes: list[dict[str, Any]]) -> None:
     """Refuse nodes that are children of two, which glTF 2.0 (3.5.2) forbids."""
     parents: dict[int, int] = {}
     for number, node in enumerate(nodes):
@@ -170,7 +169,7 @@ def _check_tree(path: Path, nodes: list[GltfObject]) -> None:
                 )
 
 
-def _pictures(path: Path, read: GltfObject) -> Iterator[tuple[str, Path | bytes]]:
+def _pictures(path: Path, read: dict[str, Any]) -> Iterator[tuple[str, Path | bytes]]:
     """Yield every picture of a glTF file with its name, once more for each material that has it."""
     textures = read.get("textures", [])
     used: Counter[object] = Counter()
@@ -242,7 +241,7 @@ def other_chunks(path: Path) -> list[str]:
     return [kind for kind in found[1:] if kind != "BIN"]
 
 
-def bytes_of_buffer(path: Path, buffer: GltfObject) -> bytes:
+def bytes_of_buffer(path: Path, buffer: dict[str, Any]) -> bytes:
     """Return the bytes of a glTF buffer; without a name, they lie in the .glb file itself."""
     uri = buffer.get("uri")
     if uri is None:
@@ -254,14 +253,14 @@ def bytes_of_buffer(path: Path, buffer: GltfObject) -> bytes:
     return data_of_uri(path, uri) if is_data(uri) else file_of_name(path, uri).read_bytes()
 
 
-def _of_view(path: Path, read: GltfObject, image: GltfObject) -> bytes:
+def _of_view(path: Path, read: dict[str, Any], image: dict[str, Any]) -> bytes:
     view = read["bufferViews"][image["bufferView"]]
     whole = bytes_of_buffer(path, read["buffers"][view["buffer"]])
     first = int(view.get("byteOffset", 0))
     return whole[first : first + int(view["byteLength"])]
 
 
-def document(path: Path) -> GltfObject:
+def document(path: Path) -> dict[str, Any]:
     """Return the JSON of a glTF file.
 
     Raises

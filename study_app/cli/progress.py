@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
@@ -16,8 +17,10 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from stimuli.media.frames_folder import Reporter
 from study_app.cli.terminal import Description, PlainConsole, say
+
+if TYPE_CHECKING:
+    from stimuli.media.frames_folder import Reporter
 
 
 @contextmanager
@@ -53,6 +56,8 @@ class ProgressLines:
     @property
     def reporter(self) -> Reporter:
         """The same, as work on files takes it."""
+        from stimuli.media.frames_folder import Reporter
+
         return Reporter(self.say, self.progress)
 
     def say(self, line: str) -> None:

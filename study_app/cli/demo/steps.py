@@ -21,7 +21,6 @@ from typing import Annotated, TypeAlias
 import typer
 
 from protocols.errors import StudyError
-from stimuli.batch.executors import cores
 from study_app.cli import main
 
 SCREEN = "screen.toml"
@@ -89,6 +88,8 @@ class Step:
 
 def steps_of(options: Options, folder: str) -> list[Step]:
     """Return all steps that are asked for, in their order; `folder` is that of the sessions."""
+    from stimuli.batch.executors import cores
+
     values = {
         "study": shlex.quote(options.study),
         "folder": folder,

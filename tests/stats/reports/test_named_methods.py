@@ -40,7 +40,7 @@ def choices() -> pd.DataFrame:
 def decisions(choices, tmp_path_factory) -> pd.DataFrame:
     file = tmp_path_factory.mktemp("choices") / "choices.csv"
     choices.to_csv(file, index=False)
-    return analysis_of("preference").read(file, {}, PreferenceTableSection())
+    return analysis_of("preference").read(file, PreferenceTableSection())
 
 
 def settings(decisions: pd.DataFrame, **texts: str):

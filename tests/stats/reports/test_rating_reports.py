@@ -13,6 +13,7 @@ from command_line import result_of
 from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.parts.ratings import RatingsPart
 from analysis.plans.table_sections import RatingTableSection
+from analysis.tables.table import Table
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from protocols.errors import StudyError
@@ -157,7 +158,7 @@ def test_tables_that_hold_no_ratings_are_refused_with_the_cure(
     mapping = {} if "vote" not in change else {"rating": "nothing"}
 
     with pytest.raises(StudyError, match=wanted if not mapping else "nothing"):
-        analysis.read(file, mapping, options_from("ratings", {"by": "method", **options}))
+        analysis.read(Table(file, mapping), options_from("ratings", {"by": "method", **options}))
 
 
 def test_a_baseline_that_nobody_rated_is_named(votes, tmp_path):
@@ -167,7 +168,7 @@ def test_a_baseline_that_nobody_rated_is_named(votes, tmp_path):
     options = analysis.options(by="method", baseline="blurr", scale=",".join(SCALE))
 
     with pytest.raises(StudyError, match=r"baseline=blurr.*did you mean 'blur'"):
-        analysis.plan_of_table(analysis.read(file, {}, options), "votes", options)
+        analysis.plan_of_table(analysis.read(file, options), "votes", options)
 
 
 @pytest.mark.slow
