@@ -9,6 +9,7 @@ import sys
 import pytest
 
 import metamerlab
+from protocols.errors import StudyError
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +76,15 @@ def test_a_call_says_what_it_takes(name):
 def test_a_name_that_is_not_offered_is_no_attribute():
     with pytest.raises(AttributeError, match="no attribute 'inpaint'"):
         getattr(metamerlab, "inpaint")  # noqa: B009 (as a program writes it)
+
+
+def test_what_a_call_would_leave_aside_is_refused(tmp_path):
+    with pytest.raises(StudyError, match=r"no settings=: those are a table's"):
+        metamerlab.report(tmp_path, tmp_path / "out", study="demo", settings={"alpha": "0.01"})
+    with pytest.raises(StudyError, match=r"must be at least 1 \(got 0\)"):
+        metamerlab.simulate("demo", tmp_path / "sessions", 0)
+    with pytest.raises(ValueError, match=r"assumed must name some of rate.*\(got rat\)"):
+        metamerlab.power("demo", {"rat": 0.6})
 
 
 @pytest.mark.parametrize(

@@ -86,6 +86,8 @@ def simulate(
     from protocols.manifest import read_manifest
     from study_app.simulate import SimulatedStudy, simulate_study
 
+    if participants < 1:
+        raise StudyError(f"participants must be at least 1 (got {participants})")
     loaded, screen = load_study(Path(study), display)
     shown = None if clips is None else read_manifest(Path(clips))
     simulation = SimulatedStudy(loaded, screen, seed=seed, manifest=shown)
@@ -164,8 +166,8 @@ def report(
     if read.suffix.lower() in TABLES and not read.is_dir():
         table = TableSettings(loaded, None, (), dict(settings or {}))
         return report_decisions(read, folder, table=table, replace=replace)
-    if loaded is None:
-        raise StudyError(f"{read}: sessions need their study; give it as study=")
+    if loaded is None or settings:
+        raise StudyError(f"{read}: sessions need study=, and no settings=: those are a table's")
     return report_sessions(read, loaded, folder, replace=replace)
 
 
