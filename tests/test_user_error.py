@@ -45,6 +45,7 @@ def test_every_exception_of_the_packages_has_the_one_root(repository):
     assert set(bases) - kin(bases) == BUGS
 
 
+@pytest.mark.slow
 def test_no_handler_lists_kinds_of_a_users_mistake(repository):
     ours = kin(errors_of(repository))
     listed = [

@@ -93,6 +93,7 @@ def test_halving_and_doubling_agree_with_numpy(torch, rng, size, viewing):
     np.testing.assert_allclose(large, twice, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("torch")
 @pytest.mark.parametrize("start", energy.STARTS)
 def test_descent_brings_the_energies_near(picture, fixation, start):

@@ -69,6 +69,7 @@ def test_tidy_writes_all_tables(sessions, tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_tables_go_on_to_a_report_with_the_same_shares(sessions, reported, tmp_path):
     run("tidy", sessions, "--protocol", "demo", "--out", tmp_path / "t", status=None)
     table, out = tmp_path / "t" / "decisions.csv", tmp_path / "b"

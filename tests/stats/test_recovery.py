@@ -14,6 +14,8 @@ from study_app.gaze.simulated import STEADY
 from study_app.observers import PreferenceModel
 from study_app.simulate import SimulatedStudy, simulate_study
 
+pytestmark = pytest.mark.slow
+
 UTILITIES = {"reference": 2.0, "metameric": 1.2, "push-pull": 0.0}
 PARTICIPANT_SD, SCENE_SD, LAPSE = 0.5, 0.3, 0.02
 
@@ -56,7 +58,6 @@ def numbers(tmp_path_factory) -> dict[str, object]:
     return loaded
 
 
-@pytest.mark.slow
 def test_the_study_is_the_papers(numbers):
     assert numbers["simulated"] is True
     cells = numbers["results"]["preferences"]["table"]["cells"]

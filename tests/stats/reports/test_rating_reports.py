@@ -191,6 +191,7 @@ def test_ratings_of_one_person_are_refused_with_a_cure_that_import_names_too(vot
         assert (cure in " ".join(made.output.split())) == (people == 1)
 
 
+@pytest.mark.slow
 def test_a_slider_is_told_by_quartiles_and_drawn_whole():
     rng = np.random.default_rng(2)
     rows = pd.DataFrame(product(range(6), "AB", range(6)), columns=["participant", "method", "n"])
