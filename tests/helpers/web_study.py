@@ -21,7 +21,8 @@ from protocols.manifest import Manifest, write_manifest
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import Web
 from study_app.web.export import WebBuild
-from study_app.web.import_lines import BrowserResults, ImportResult, import_results
+from study_app.web.import_lines import ImportResult, import_results
+from study_app.web.read_results import BrowserResults
 
 SURE = '\n[task.confidence]\nsteps = 4\nquestion = { en = "How sure?" }\n'
 SCALE = ("bad", "poor", "fair", "good", "excellent")

@@ -9,7 +9,8 @@ from web_study import brought_home
 
 from protocols.journal import SessionResume
 from protocols.journal_file import read_journal
-from study_app.web.import_lines import import_results, read_web_results
+from study_app.web.import_lines import import_results
+from study_app.web.read_results import read_web_results
 
 OVER = "document.querySelector('main')?.dataset.page === 'over'"
 SAVED = "fetch(document.querySelector('main a[download]').href).then((file) => file.text())"

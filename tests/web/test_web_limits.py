@@ -18,7 +18,7 @@ from protocols.errors import StudyError
 from protocols.study_file.preregister import preregistration, to_markdown
 from stimuli.media.png import encode_bytes
 from study_app.web.export import WebBuild, check_budget, colour_chunks
-from study_app.web.import_lines import BrowserResults, read_web_results
+from study_app.web.read_results import BrowserResults, read_web_results
 
 
 def test_packs_and_times_may_be_as_large_as_budgets_allow():

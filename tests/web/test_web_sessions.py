@@ -10,7 +10,8 @@ from protocols.journal import SessionResume
 from protocols.journal_file import read_journal
 from study_app.session_folders import find_sessions
 from study_app.verification import verify
-from study_app.web.import_lines import import_results, read_web_results
+from study_app.web.import_lines import import_results
+from study_app.web.read_results import read_web_results
 
 FAULTS = {"missed": 0.03, "paused": 0.002, "disturbed": 0.002}
 

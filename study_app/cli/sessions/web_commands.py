@@ -114,7 +114,8 @@ def import_web(
         metamerlab session import-web lines/ --protocol my-study.toml --stimuli clips --check
     """
     # Imported here: most commands of sessions need none of it.
-    from study_app.web.import_lines import import_results, read_web_results
+    from study_app.web.import_lines import import_results
+    from study_app.web.read_results import read_web_results
 
     study, screen = load_study(protocol, display, recorded=True)
     manifest = read_manifest(stimuli)
