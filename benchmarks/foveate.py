@@ -27,7 +27,6 @@ from typing import Any, Self
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.shared import foveate_report as report
 from benchmarks.shared.dispatches import Copy, dispatches_of
@@ -319,21 +318,3 @@ def perception() -> Any | None:
     importlib.import_module("torch").set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         return importlib.import_module("odak.learn.perception")
-
-
-def gen_metamer(shown: NDArray[np.float32], *, orientations: int = 2) -> NDArray[np.float32] | None:
-    """odak's metamer of a picture (H, W, 3), the gaze in its middle; None without odak.
-
-    Raises
-    ------
-    RuntimeError
-        Where its pyramid does not fit together for a size.
-    """
-    odak = perception()
-    if odak is None:
-        return None
-    torch = importlib.import_module("torch")
-    loss = odak.MetamerMSELoss(n_pyramid_levels=5, n_orientations=orientations)
-    image = torch.from_numpy(shown.transpose(2, 0, 1)[None].copy())
-    made = loss.gen_metamer(image, gaze=[0.5, 0.5])[0].numpy().transpose(1, 2, 0)
-    return np.ascontiguousarray(made.clip(0, 1), np.float32)

@@ -1,8 +1,7 @@
 """Bytes of a baked texture that a picture touches.
 
 A mask has a bit for every texel of every plane. A look-up touches the texels that it weighs by more
-than nothing: up to four at a resolution, at two resolutions. What is counted are distinct texels,
-or the memory lines that hold them, as a cache that never forgets would fetch them.
+than nothing: up to four at a resolution, at two resolutions. What is counted are distinct texels.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ PlaneKey = tuple[int | None, int]
 
 COLOUR_BYTES = 4
 """Bytes of a texel, as GPUs keep it."""
-LINE_BYTES = 64
 _CHUNK = 1 << 21  # fragments at a time
 
 
@@ -37,15 +35,6 @@ class TextureFootprint:
         return sum(
             int(mask.sum()) * _texel_bytes(key, moment_bytes) for key, mask in self.masks.items()
         )
-
-    def bytes_of_lines(self, moment_bytes: int) -> int:
-        """The same by lines of `LINE_BYTES`, each a block of texels as square as can be."""
-        lines = 0
-        for key, mask in self.masks.items():
-            texels = LINE_BYTES // _texel_bytes(key, moment_bytes)
-            rows = 1 << (texels.bit_length() - 1) // 2
-            lines += int(_blocks(mask, rows, texels // rows).sum())
-        return LINE_BYTES * lines
 
 
 def touched(layout: Layout, fragments: Fragments, *, noise: bool) -> TextureFootprint:
@@ -121,10 +110,3 @@ def _folded(framed: Bools, *, wraps: bool) -> Bools:
 
 def _texel_bytes(key: PlaneKey, moment_bytes: int) -> int:
     return COLOUR_BYTES if key[0] is None else moment_bytes
-
-
-def _blocks(mask: Bools, rows: int, columns: int) -> Bools:
-    height, width = mask.shape
-    padded = np.pad(mask, ((0, -height % rows), (0, -width % columns)))
-    shape = padded.shape[0] // rows, rows, padded.shape[1] // columns, columns
-    return np.asarray(padded.reshape(shape).any(axis=(1, 3)))

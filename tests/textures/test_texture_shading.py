@@ -148,7 +148,6 @@ def test_a_facing_quad_touches_as_many_texels_as_it_has_pixels():
 
     assert {key: int(mask.sum()) for key, mask in found.masks.items()} == {(None, 3): 64**2}
     assert found.bytes_of_texels(16) == 4 * 64**2
-    assert found.bytes_of_lines(16) == 4 * 64**2
 
 
 def test_pools_of_two_pixels_touch_a_quarter_and_as_many_moments():
@@ -176,7 +175,7 @@ def test_between_two_resolutions_both_are_touched_and_moments_of_all_that_is_los
     assert set(found.masks) == {(None, 4), (None, 5), (3, 4), (3, 5), (4, 5)}
 
 
-def test_a_lone_texel_costs_a_line():
+def test_a_lone_texel_is_read_alone():
     layout = Layout(512, 512)
     one = np.ones((1, 1))
     lone = Fragments(np.full((1, 1, 2), 4.5 * 8), 3 * one, 0 * one)
@@ -184,7 +183,6 @@ def test_a_lone_texel_costs_a_line():
     found = touched(layout, lone, noise=True)
 
     assert found.bytes_of_texels(16) == 4
-    assert found.bytes_of_lines(16) == 64
 
 
 def test_mips_are_read_between_resolutions_by_their_shares():

@@ -15,7 +15,6 @@ from benchmarks.shared.output import PagePart, write_record
         ("fill", "--json"),
         ("fill", "--plot"),
         ("foveate", "--json"),
-        ("foveate_bands", "--plot"),
         ("quality", "--json"),
         ("scores", "--json"),
         ("session", "--json"),
@@ -39,7 +38,6 @@ def test_a_file_in_no_folder_is_refused(name, option, tmp_path, capsys):
     [
         ("fill", [], "fill table"),
         ("foveate", [], "foveation times"),
-        ("foveate_bands", [], "foveation bands"),
         ("quality", [], "quality table"),
         ("scores", [], "scores"),
     ],
