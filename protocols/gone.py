@@ -43,16 +43,15 @@ INSTEAD: Mapping[str, str] = {
     "--gaze tobii": "run TittaLSL or App-TobiiPro and name its stream, as --gaze"
     " lsl:Tobii,x=left_x,y=left_y,unit=norm (docs/trackers.md says what to check)",
     "protocol script": "give the same options to 'metamerlab protocol show STUDY --script'",
-    "session archive --passphrase": "encrypt the archive by 'age --passphrase --output"
-    " backup.zip.age backup.zip'",
-    "session archive --recipient": "encrypt the archive by 'age --recipient age1... --output"
-    " backup.zip.age backup.zip'",
+    "session archive": "copy study, sessions and clips, or pack them by any program, and prove the"
+    " copy with 'metamerlab session verify' and 'stimuli check'; an archive of before is unzipped,"
+    " after 'age --decrypt' where it is encrypted, and its folder sessions proven",
     "session restore": "unzip the archive with any program, and prove the folder with 'metamerlab"
     " session verify'",
     "session simulate --web": "open the exported page by hand, with '?slot=0&simulated' in its link"
     " (docs/web.md, step 5)",
     "session verify --identity": "decrypt the archive by 'age --decrypt --identity key.txt --output"
-    " backup.zip backup.zip.age', and verify backup.zip",
+    " backup.zip backup.zip.age', unzip it, and verify its folder sessions",
     "stimuli probe": "use 'metamerlab stimuli check CLIPS --flicker'",
     "demo --no-studies": "use 'metamerlab demo', which runs one study; --all runs the others, too",
     "demo --no-window": "use 'metamerlab demo', which opens no window without --all",

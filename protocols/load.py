@@ -54,8 +54,7 @@ def load_protocol(path: str | Path, *, recorded: bool = False) -> StudyProtocol:
     StudyError
         With one line per mistake: file, place, what must hold, what was found, the cure.
     """
-    # A file within an archive is a path of its own kind, and stays one.
-    path = _shipped(path if isinstance(path, Path) else Path(path), "studies")
+    path = _shipped(Path(path), "studies")
     raw = read_toml(path)
     study = protocol_of(raw, path, recorded=recorded)
     return _with_secret(study, path.with_suffix(SECRET_SUFFIX))

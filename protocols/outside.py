@@ -12,8 +12,7 @@ import os
 import re
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from io import UnsupportedOperation
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -53,11 +52,10 @@ def bounded_bytes(path: Path, error: type[Exception], name: str = "text") -> byt
         As reading does.
     """
     with path.open("rb") as file:
-        with suppress(UnsupportedOperation):  # a file within an archive has no number
-            found = os.fstat(file.fileno())
-            check_within(name, found.st_size, error, path, "bytes")
-            if stat.S_ISREG(found.st_mode):
-                return file.read()
+        found = os.fstat(file.fileno())
+        check_within(name, found.st_size, error, path, "bytes")
+        if stat.S_ISREG(found.st_mode):
+            return file.read()
         data = file.read(limit(name) + 1)  # a device ends nowhere
         check_within(name, len(data), error, path, "bytes")
         return data

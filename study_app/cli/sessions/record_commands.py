@@ -1,7 +1,4 @@
-"""The commands of `metamerlab session` about what was recorded: following, proving, copying it.
-
-Deleting it, too.
-"""
+"""The commands of `metamerlab session` about what was recorded: following, proving, deleting it."""
 
 from __future__ import annotations
 
@@ -17,26 +14,17 @@ from rich.live import Live
 from rich.table import Table
 
 from protocols.errors import StudyError, count_of
+from protocols.gone import gone
 from protocols.journal import SessionEnd
 from protocols.journal_file import JOURNAL_NAME, find_journals, read_journal
 from protocols.study_file.schema import StudyProtocol
-from study_app.archive.read_archive import (
-    INDEX_NAME,
-    ArchiveFindings,
-    check_archive,
-    check_unpacked,
-    opened_archive,
-)
-from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
     DisplayOption,
-    ProtocolArgument,
     SessionArgument,
     SessionsOption,
     recorded_protocol,
 )
-from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say, table_of
 from study_app.operator_view import rows
 from study_app.recorder import utc_now
@@ -111,9 +99,7 @@ class RedrawOptions:
 def verify(
     sessions: Annotated[
         Path,
-        typer.Argument(
-            help="Folder of one session, of a study's, or of all sessions; or an archive."
-        ),
+        typer.Argument(help="Folder of one session, of a study's, or of all sessions."),
     ],
     protocol: Annotated[
         Path | None,
@@ -126,27 +112,21 @@ def verify(
 
     Compares every line of a journal with its checksum, and every file with its hash in the
     journal. With a protocol, also compares trials, conditions, answers, times and order with the
-    plan. An archive, packed or unpacked, brings its protocol and list of files. Changes nothing.
-    Ends with status 2 if anything differs.
+    plan. Changes nothing. Ends with status 2 if anything differs.
 
     Examples:
 
         metamerlab session verify sessions --protocol demo
 
-        metamerlab session verify backup.zip
-
         metamerlab session verify sessions --protocol live-detection --render --stimuli clips
     """
     if not again.render and again != RedrawOptions():
         raise StudyError("--stimuli, --display and --captured are for --render; add it")
-    if is_archive(sessions):
-        if protocol is not None or again.render:
-            raise StudyError(
-                "--protocol and --render: must be left out: an archive has its own protocol; to"
-                " draw frames again, unpack it and name the folder of sessions"
-            )
-        verify_archive(sessions)
-        return
+    if sessions.is_file():
+        removed = gone("session archive")
+        raise StudyError(
+            f"{sessions}: must be a folder (it is a file); 'session archive' {removed}"
+        )
     study = recorded_protocol(protocol) if protocol else None
     paths = find_journals(sessions)
     if not paths:
@@ -208,15 +188,11 @@ def _verified(
             f"  {again.flips} live frames, {again.drawn} drawn again: {again.equal} bit-equal;"
             f" {len(again.captures)} of {count_of(len(screens), 'capture')} compared"
         )
-    _say_found(found.problems, found.notes)
-    return not found.problems, again
-
-
-def _say_found(problems: Iterable[str], notes: Iterable[str]) -> None:
-    for problem in problems:
+    for problem in found.problems:
         say(f"  {problem}")
-    for note in notes:
+    for note in found.notes:
         say(f"  note: {note}")
+    return not found.problems, again
 
 
 def print_rows(entries: Iterable[tuple[str, str]]) -> None:
@@ -231,67 +207,3 @@ def _table(path: Path) -> Table:
 def _over(path: Path) -> bool:
     events = read_journal(path, lenient=True).events
     return bool(events) and isinstance(events[-1], SessionEnd)
-
-
-def archive(
-    protocol: ProtocolArgument,
-    out: Annotated[Path, typer.Option(help="File to write. It appears only when complete.")],
-    *,
-    wanted: ArchiveOptions,
-) -> None:
-    """Write a verified copy of a study into one file: study, sessions, manifest, optional clips.
-
-    The file is a zip archive, which any program unpacks. It holds the study's secret only with
-    --with-secret. It is read back before it gets its name, and never replaces a file. The study is
-    not changed.
-
-    Examples:
-
-        metamerlab session archive study.toml --stimuli clips --out backup.zip
-
-        metamerlab session archive study.toml --with-secret --out backup.zip
-    """
-    if wanted.with_clips and wanted.stimuli is None:
-        raise StudyError("--with-clips: needs the folder of clips; name it with --stimuli")
-    with one_line() as progress:
-        index, found = write_archive(protocol, wanted, out, progress)
-    _tell(out, found)
-    if not index.secret and found.notes:
-        say("note: keep the study's secret elsewhere, or archive it with --with-secret")
-
-
-def verify_archive(path: Path) -> None:
-    """Prove an archive whole, as a file or as the folder it was unpacked into; say what was found.
-
-    Raises
-    ------
-    StudyError
-        If it is not.
-    """
-    if path.is_dir():
-        found = check_unpacked(path)
-    else:
-        with opened_archive(path) as file:
-            found = check_archive(path, file)
-    _tell(path, found)
-    if found.problems:
-        raise StudyError(
-            f"{path}: must be as it was archived ({len(found.problems)} differences); take another"
-            " copy; nothing was changed"
-        )
-
-
-def is_archive(path: Path) -> bool:
-    """Return True if a path is a file, or a folder that one was unpacked into."""
-    return path.is_file() or (path / INDEX_NAME).is_file()
-
-
-def _tell(path: Path, found: ArchiveFindings) -> None:
-    index = found.index
-    verdict = "NOT as it was recorded" if found.problems else "whole"
-    holds = [count_of(found.sessions, "session"), count_of(len(index.files), "file")]
-    holds.append("clips" if index.clips else "no clips")
-    holds.append("the study's secret" if index.secret else "no secret")
-    say(f"{path}: {verdict} ({index.study}: {', '.join(holds)})")
-    _say_found(found.problems, found.notes)
-    say(f"list of files: SHA-256 {index.sha256}; note it elsewhere to detect any later change")

@@ -22,7 +22,6 @@ from study_app.cli.error_messages import EXIT_USER_ERROR
 from study_app.cli.options import DisplayOption, ProtocolArgument, SessionsOption
 from study_app.cli.sessions import web_commands
 from study_app.cli.sessions.record_commands import (
-    archive,
     print_rows,
     verify,
     watch,
@@ -196,7 +195,6 @@ def register(app: typer.Typer) -> None:
     app.command()(watch)
     app.command()(verify)
     app.command()(withdraw)
-    app.command()(archive)
     app.command("export-web")(web_commands.export_web)
     app.command("import-web")(web_commands.import_web)
 

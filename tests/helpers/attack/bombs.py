@@ -5,7 +5,6 @@ one message, or do its work, within `MOST_MIB` and `MOST_CPU_S`.
 """
 
 import gzip
-import hashlib
 import io
 import json
 import os
@@ -358,11 +357,6 @@ def study(*changes: tuple[str, str]) -> Write:
     return write
 
 
-def archive(index: tuple[bytes, bytes, int, bytes], **members: object) -> Write:
-    """A file of 'session archive' with a list that has a beginning, a piece, how often, an end."""
-    return zipped("a.zip", **members, **{"archive.json": index})  # type: ignore[arg-type]
-
-
 def metamer(width: int, height: int) -> Write:
     """A compressed picture whose head is right and says any size."""
 
@@ -411,11 +405,6 @@ def npz(count: int) -> Write:
 _ANSWERS = "participant,signal,answer,correct,level,rating,first,second,chosen,rt_s\n"
 _LINES = 9_900_000
 _NEST = ("[", 100_000)
-
-
-def _listed(count: int) -> tuple[bytes, bytes, int, bytes]:
-    entry = b'{"bytes":0,"path":"a","sha256":"' + b"0" * 64 + b'"},'
-    return b'{"files":[', entry, count, b"{}]}"
 
 
 def _write_ods(folder: Path, row: str) -> None:
@@ -540,39 +529,6 @@ def _records() -> Iterator[Bomb]:
         yield Bomb(f"journal of {name}", write, "session verify s")
     yield Bomb("journal of 1.5 GB, to tables", sparse(place, 1_500_000_000),
                "analysis tidy s --protocol demo --out o")  # fmt: skip
-    words = "session verify a.zip"
-    yield Bomb("archive.json of 1.9 GB", archive((b"{", b" ", 1_900_000_000, b"}")), words)
-    yield Bomb("archive.json of 3e6 files", archive(_listed(3_000_000)), words)
-    yield Bomb("archive.json of 300,000 files", archive(_listed(300_000)), words)
-    yield Bomb("archive.json of 45 MB of lists", archive((b"[", b"[],", 15_000_000, b"0]")), words)
-    yield Bomb("archive.json of brackets", archive((b"", b"[", 100_000, b"")), words)
-    yield Bomb("archive of 3e6 files", many_members("a.zip", 3_000_000), words)
-    journal = {"sessions__demo__P1__journal.jsonl": (b"", b"\0", 1_500_000_000, b"")}
-    yield Bomb("archive of a journal of 1.5 GB", partial(_archive_with, journal), words)
-
-
-def _archive_with(members: dict[str, tuple[bytes, bytes, int, bytes]], folder: Path) -> None:
-    """Write an archive whose list is right for members that unpack to much."""
-    from protocols.disk.hashing import sha256_bytes
-    from protocols.load import load_protocol
-    from study_app.archive.read_archive import ArchivedFile, Index
-
-    content = shipped("studies")["demo"].read_bytes()
-    members = {"study__demo.toml": (content, b" ", 0, b""), **members}
-    entries = []
-    for name, (head, piece, times, tail) in members.items():
-        digest, block = hashlib.sha256(head), piece * (1 << 20)
-        for done in range(0, times, 1 << 20):
-            digest.update(block[: min(1 << 20, times - done)])
-        digest.update(tail)
-        entries.append(ArchivedFile(path=name.replace("__", "/"), sha256=digest.hexdigest(),
-                             bytes=len(head) + len(piece) * times + len(tail)))  # fmt: skip
-    index = Index(
-        format=1, study="demo", protocol="study/demo.toml", revision="0", secret=False, clips=False,
-        protocol_sha256=load_protocol(Path("demo")).sha256 or sha256_bytes(content),
-        files=tuple(entries),
-    )  # fmt: skip
-    archive((index.to_bytes(), b" ", 0, b""), **members)(folder)
 
 
 def _pictures() -> Iterator[Bomb]:
@@ -717,7 +673,7 @@ BOMBS = (
 )  # fmt: skip
 """Every bomb."""
 QUICK = (
-    "toml key of 20,000 parts", "archive.json of brackets", "video that is a list (ffconcat)",
+    "toml key of 20,000 parts", "video that is a list (ffconcat)",
     "gltf accessor of 45e6 without a view", "gltf mesh shown 9,000 times",
     "png 5773 x 5773, foveate p.png o.png",
 )  # fmt: skip

@@ -94,10 +94,6 @@ COMMANDS = (
     Command("preview", "protocol preview {i}/study.toml --out {o}", ["study.toml"], ".html"),
     Command("preregister", "protocol preregister {i}/study.toml --out {o}", ["study.toml"], ".md"),
     Command("copy", "protocol copy demo {o}", ending=".toml"),
-    Command(
-        "archive", "session archive {i}/study.toml --sessions {i}/few --as-it-is --out {o}",
-        ["study.toml", "few"], ".zip",
-    ),
     _analysis("psychometric", "trials.csv", "--level level --guess 0.5"),
     Command("denoise-frames", "denoise run {i}/frames --gaze 9,5 --out {o} --numpy", ["frames"]),
     Command("denoise", "denoise run {i}/p.png --gaze 9,5 --out {o} --numpy", ["p.png"], ".png"),

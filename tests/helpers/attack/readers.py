@@ -54,8 +54,6 @@ from protocols.recipes.files import read_table as read_stimuli
 from stimuli.media.png import decode_png
 from stimuli.scenes.mesh_file import load_world
 from stimuli.score.viewing_conditions import open_viewing, read_viewer_gaze
-from study_app.archive.read_archive import check_archive, opened_archive
-from study_app.archive.write_archive import ArchiveOptions, write_archive
 from study_app.attempt import FLIPS_HEADER, LIVE_HEADER
 from study_app.gaze.recording import load_recording
 from study_app.gaze.simulated import STEADY
@@ -133,12 +131,6 @@ def _samples(path: Path) -> Any:
     )
 
 
-def _archive(path: Path) -> Any:
-    with opened_archive(path) as file:
-        found = check_archive(path, file)
-    return [entry.bytes for entry in found.index.files]
-
-
 def _video(path: Path) -> Any:
     return list(read_frames(path, (16, 12), 3, 30.0))
 
@@ -186,7 +178,6 @@ READERS: tuple[Reader, ...] = (
     Reader("journal", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _journal, _stamp),
     Reader("live-log", "live.jsonl", mutations.JOURNAL, read_log, _anything),
     Reader("sittings", "few/demo/S001/journal.jsonl", mutations.JOURNAL, _sessions, _lost, 0.1),
-    Reader("archive", "study.zip", mutations.ZIPPED, _archive, weight=0.1),
     Reader("gaze-of-a-sitting", "0001.csv", mutations.PLAIN, _samples),
     Reader("flips-of-a-sitting", "flips.csv", mutations.PLAIN, read_flips, _anything),
     Reader("gaze-of-live-flips", "0001.csv", mutations.PLAIN, gaze_by_stamp, _anything),
@@ -424,8 +415,6 @@ def _write_studies(folder: Path) -> None:
     )
     for beside in ("gaze", "flips"):
         shutil.rmtree(whole.parent / beside, ignore_errors=True)
-    wanted = ArchiveOptions(folder / "few", as_it_is=True)
-    write_archive(folder / "study.toml", wanted, folder / "study.zip")
 
 
 _NEVER_NEGATIVE = ("_hz", "width_px", "height_px", "size_px", "_share", "frames", "repeats")

@@ -1,1 +1,0 @@
-"""A study in one file: written whole, and proven whole."""
