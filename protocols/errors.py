@@ -45,7 +45,7 @@ def did_you_mean(found: object, known: Iterable[str]) -> str:
     Case, dashes, British or American spelling and a word of the same meaning make no difference.
     """
     names = {_plain(name): name for name in reversed(list(known))}
-    given = _plain(found) if isinstance(found, str) else ""
+    given = _plain(found) if isinstance(found, str) and len(found) < 1000 else ""
     near = get_close_matches(given, names, 1) or [
         name
         for name in names

@@ -155,8 +155,13 @@ def visible(text: str) -> str:
 
 def visible_line(message: str) -> str:
     """Return the first line of what a library says, without what no terminal can show."""
-    line = next(iter(message.strip().splitlines()), "no reason given")
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)[:200].rstrip(".")
+    return shown(next(iter(message.strip().splitlines()), "no reason given")).rstrip(".")
+
+
+def shown(found: object) -> str:
+    """Return what was found as one line of a message shows it: nothing hidden, cut short."""
+    text = str(found)[:200]
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)[:200]
 
 
 def page_bytes(text: str) -> bytes:

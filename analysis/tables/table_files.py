@@ -6,7 +6,6 @@ Tables are written as CSV that spreadsheets show and do not run (docs/decisions/
 
 from __future__ import annotations
 
-import codecs
 import csv
 import re
 from collections import Counter
@@ -19,7 +18,7 @@ import pandas as pd
 
 from analysis.tables.counts import HEADER, Counted, decisions_of, is_square
 from analysis.tables.spreadsheet import ENDINGS, read_spreadsheet
-from protocols.disk.whole_file import read_bytes
+from protocols.disk.whole_file import decoded_text, read_bytes
 from protocols.errors import StudyError, count_of
 from protocols.limits import FIXED, check_cells, check_within
 from protocols.outside import CONTROL, lines_of, original_cell, safe_cell
@@ -33,7 +32,6 @@ SHOWN_LETTERS = 60
 _ZIPPED = b"PK\x03\x04"
 _DECIMAL = re.compile(r"[+-]?\d+,\d+")
 _NUMBER = re.compile(r"[+-]?\d+(,\d+)?")
-_MARKS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 _SAME_ROWS = 4
 """Files with so many rows or more are not the same by chance."""
 
@@ -192,7 +190,7 @@ def _is_spreadsheet(path: Path) -> bool:
 
 def _read_text(path: Path, notes: list[str]) -> tuple[list[tuple[int, list[str]]], str]:
     """Return the rows of a text file with their lines, and what separates their cells."""
-    text = _decoded(read_bytes(path, "the table", "table"), notes)
+    text = decoded_text(read_bytes(path, "the table", "table"), notes)
     text = text if "\n" in text else text.replace("\r", "\n")  # as old Macs ended lines
     header = text.split("\n", maxsplit=1)[0]
     if header.lower().startswith("sep="):
@@ -212,29 +210,6 @@ def _read_text(path: Path, notes: list[str]) -> tuple[list[tuple[int, list[str]]
         return [(reader.line_num, row) for row in reader], separator
     except csv.Error as error:
         raise StudyError(f"{path}: must be a CSV table with a header ({error})") from None
-
-
-def _decoded(data: bytes, notes: list[str]) -> str:
-    """Return the text of a file, by its mark, else by whether it can be UTF-8."""
-    head, unmarked = data[:200], ""
-    if head[:2] not in _MARKS and len(head) > 3 and 0 in head:
-        half = len(head) // 2
-        unmarked = next(
-            (
-                code
-                for code, place in (("utf-16-le", 1), ("utf-16-be", 0))
-                if head[place::2].count(0) > 0.8 * half
-            ),
-            "",
-        )
-    if code := _MARKS.get(head[:2], unmarked):
-        notes.append("read as UTF-16")
-        return data.decode(code, "replace")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        notes.append("read as Windows' Latin-1: it is no UTF-8; look whether names are right")
-        return data.decode("cp1252", "replace")
 
 
 def _decimal_points(found: FileRows) -> list[str]:

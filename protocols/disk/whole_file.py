@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import errno
 import os
 import time
@@ -201,3 +202,35 @@ def decode_utf8(data: bytes, path: Path) -> str:
             f"{path}: line {line}: must be UTF-8 text (got byte 0x{data[error.start]:02x});"
             " save the file as UTF-8"
         ) from None
+
+
+_MARKS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+
+
+def decoded_text(data: bytes, notes: list[str]) -> str:
+    """Return a text from outside, however it is encoded: a table, gaze, lines of browsers.
+
+    UTF-16 is known by its mark, or by the zeros in its letters. What can be no UTF-8 either is
+    Windows' Latin-1. `notes` gets a word on what is not UTF-8, once.
+    """
+    head, unmarked = data[:200], ""
+    if head[:2] not in _MARKS and len(head) > 3 and 0 in head:
+        half = len(head) // 2
+        unmarked = next(
+            (
+                code
+                for code, place in (("utf-16-le", 1), ("utf-16-be", 0))
+                if head[place::2].count(0) > 0.8 * half
+            ),
+            "",
+        )
+    if code := _MARKS.get(head[:2], unmarked):
+        note, text = "read as UTF-16", data.decode(code, "replace")
+    else:
+        with suppress(UnicodeDecodeError):
+            return data.decode("utf-8-sig")
+        note = "read as Windows' Latin-1: it is no UTF-8; look whether names are right"
+        text = data.decode("cp1252", "replace")
+    if note not in notes:
+        notes.append(note)
+    return text

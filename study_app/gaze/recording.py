@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.disk.whole_file import read_bytes
+from protocols.disk.whole_file import decoded_text, read_bytes
 from protocols.errors import StudyError
 from protocols.limits import check_rows, gunzipped
 from protocols.outside import lines_of, reading
@@ -111,16 +111,18 @@ def load_recording(path: Path, eye: Eye | None = None) -> Recording:
     data = read_bytes(path, "the gaze recording")
     if path.suffix == ".gz":
         data = gunzipped(data, path)
-    text = data.decode("utf-8", errors="replace")
+    notes: list[str] = []
+    text = decoded_text(data, notes)
     check_rows(path, text)
     name = path.name.removesuffix(".gz")
     with reading(path, "a whole recording of gaze", StudyError):
         if name.endswith(".asc"):
-            return _read_asc(path, text, eye)
+            found = _read_asc(path, text, eye)
+            return replace(found, notes=(*notes, *found.notes))
         if name.endswith(".csv"):
             if eye is not None:
                 raise StudyError(f"{path}: a .csv file holds one eye; leave ',eye={eye}' away")
-            return _read_csv(path, text)
+            return replace(_read_csv(path, text), notes=tuple(notes))
     raise StudyError(f"{path}: must be an EyeLink .asc or a .csv file (or .gz of one)")
 
 

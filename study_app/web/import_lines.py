@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -230,7 +230,7 @@ class RebuiltSession:
     ----------
     study, display, manifest : StudyProtocol, Display, Manifest
         Those of the export.
-    lines : list of lines
+    lines : iterator of lines
         All, in order.
 
     Raises
@@ -244,9 +244,9 @@ class RebuiltSession:
         study: StudyProtocol,
         display: Display,
         manifest: Manifest,
-        lines: Sequence[AnyLine],
+        lines: Iterator[AnyLine],
     ) -> None:
-        begun = lines[0]
+        begun = next(lines)
         if not isinstance(begun, StartLine):
             raise ContradictionError(f"line number 0 must be the start (got {begun.kind})")
         for what, now, then in (
@@ -281,7 +281,7 @@ class RebuiltSession:
             recorder.waits_for_disk = False
             self._now_s = self.begun.t_s
             recorder.append(self._start(recorder))
-            for line in self.lines[1:]:
+            for line in self.lines:
                 self.line, self._now_s = line, line.t_s
                 recorder.append(self._event(line, recorder))
                 if not isinstance(line, AttemptLine):

@@ -1,26 +1,43 @@
-"""Results of a browser study are read: archives of JATOS, texts of lines, folders of such."""
+"""Results of a browser study are read: archives of JATOS, texts of lines, folders of such.
+
+What is whole is kept, wherever it stands. A file that cannot be read is named, and costs no other.
+"""
 
 from __future__ import annotations
 
 import io
+import os
 import re
 import zipfile
 import zlib
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
+from json import JSONDecoder
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from protocols.browser.web_lines import LINE, AnyLine
-from protocols.disk.whole_file import read_bytes
+from protocols.disk.whole_file import decoded_text, read_bytes
 from protocols.errors import StudyError
-from protocols.limits import check_within
+from protocols.limits import LIMITS_VARIABLE, check_within, limit
+from protocols.outside import check_zip, reading, shown
 from protocols.study_file.problems import in_words
 
-_BEGINNING = re.compile(rb'(?=\{"study":)')
+_BEGINNING = re.compile(r'(?=\{"study":)')
 """Beginning of a line: within its texts quotes are escaped."""
+_PARTS = re.compile(rb'(?=\{"study":|\xff\xfe\{\0"\0|\xfe\xff\0\{\0"|\xef\xbb\xbf\{")')
+"""Beginning of a line in UTF-8, or of a text with a mark: texts are joined however encoded."""
+_PIECE = 1 << 16
+_SHOWN = 20
+"""Damaged lines that are named."""
+_LONGEST = 1 << 24
+"""Characters of a line: an attempt of half a day."""
+_BLANK = "\ufeff\0 \t\r\n\v\f"
+_GOES_ON = "trailing characters"
+_ARCHIVES = (".zip", ".jrzip", ".gz", ".tar", ".7z", ".rar")
 
 
 class ContradictionError(StudyError):
@@ -29,22 +46,27 @@ class ContradictionError(StudyError):
 
 @dataclass
 class ParticipantLines:
-    """All lines of one participant of a study."""
+    """All lines of one participant of a study, packed: one archive may hold gigabytes of them."""
 
-    lines: dict[int, AnyLine] = field(default_factory=dict)
+    texts: dict[int, bytes] = field(default_factory=dict)
     repeated: int = 0
     """Lines that came more than once, and said the same."""
     conflicts: list[str] = field(default_factory=list)
 
-    def add(self, line: AnyLine, where: str) -> None:
+    def add(self, line: AnyLine, text: bytes, where: str) -> None:
         """Take a line, unless it is there already."""
-        there = self.lines.setdefault(line.n, line)
-        if there is line:
+        packed = zlib.compress(text, 1)
+        there = self.texts.setdefault(line.n, packed)
+        if there is packed:
             return
-        if there == line:
+        if there == packed or self.line(line.n) == line:
             self.repeated += 1
-        else:
+        elif len(self.conflicts) < _SHOWN:
             self.conflicts.append(f"{where}: line number {line.n} says two different things")
+
+    def line(self, n: int) -> AnyLine:
+        """Return a line by its number."""
+        return LINE.validate_json(zlib.decompress(self.texts[n]))
 
 
 @dataclass
@@ -55,28 +77,69 @@ class BrowserResults:
         default_factory=lambda: defaultdict(ParticipantLines)
     )
     damaged: list[str] = field(default_factory=list)
-    """Places where something stands that is no line of ours, and what."""
+    """Places where something stands that is no line of ours, and what: the first of them."""
+    damages: int = 0
+    """Number of such places."""
+    unread: list[str] = field(default_factory=list)
+    """Files, and parts of archives, that could not be read, and why."""
+    notes: list[str] = field(default_factory=list)
 
     def read(self, name: str, data: bytes) -> None:
         """Read the lines of one text.
 
         Results may be joined without a line feed where a page died in the middle of a line; what is
         whole is kept.
+
+        Raises
+        ------
+        StudyError
+            If there are more lines than the limit allows.
         """
-        check_within("events", data.count(b"\n"), StudyError, Path(name), "lines")
-        rows = enumerate(data.split(b"\n"), 1)
-        for number, text in ((n, text) for n, row in rows for text in _BEGINNING.split(row)):
-            if not text.strip():
-                continue
-            where = f"{name}: line {number}"
-            try:
-                line = LINE.validate_json(text)
-            except ValidationError as error:
-                problem = error.errors()[0]
-                place = ".".join(map(str, problem["loc"])) or "line"
-                self.damaged.append(f"{where}: {place}: {in_words(problem)}")
-            else:
-                self.found[line.study, line.participant].add(line, where)
+        name = shown(name)
+        count = max(data.count(b"\n"), data.count(b'{"study":'))
+        check_within("events", count, StudyError, Path(name), "lines")
+        number, notes = 1, list[str]()
+        for part in _PARTS.split(data):
+            for row, text in enumerate(decoded_text(part, notes).split("\n")):
+                number += row > 0
+                for piece in _BEGINNING.split(text):
+                    if line := piece.strip(_BLANK):
+                        self._take(line, f"{name}: line {number}")
+        self.notes += [f"{name}: {note}" for note in notes]
+
+    def _take(self, text: str, where: str) -> None:
+        """Take a line. Behind one that is whole may stand the end of another."""
+        line, wrong = _line_of(text)
+        if line is None and _GOES_ON in wrong:
+            text = text[: _end_of_object(text)]
+            line = _line_of(text)[0]
+        if wrong:
+            self.damages += 1
+            self.damaged += [f"{where}: {wrong}"][: _SHOWN - len(self.damaged)]
+        if line is not None:
+            self.found[line.study, line.participant].add(line, text.encode("utf-8"), where)
+
+
+def _line_of(text: str) -> tuple[AnyLine | None, str]:
+    """Return a line, or why the text is none."""
+    if len(text) > _LONGEST:
+        return None, f"line: must have at most {_LONGEST:,} characters (has {len(text):,})"
+    try:
+        return LINE.validate_json(text), ""
+    except ValidationError as error:
+        if (count := error.error_count()) > _SHOWN:
+            return None, f"line: must be one of the page's ({count:,} faults in it)"
+        problem = error.errors(include_url=False)[0]
+        place = ".".join(map(str, problem["loc"])) or "line"
+        return None, shown(f"{place}: {in_words(problem)}")
+
+
+def _end_of_object(text: str) -> int:
+    """Return the end of the object at the beginning of a text; 0 where there is none."""
+    try:
+        return JSONDecoder().raw_decode(text)[1]
+    except (ValueError, RecursionError):
+        return 0
 
 
 def read_web_results(paths: Iterable[Path]) -> BrowserResults:
@@ -85,35 +148,46 @@ def read_web_results(paths: Iterable[Path]) -> BrowserResults:
     Raises
     ------
     StudyError
-        If a file cannot be read, or an archive is damaged.
+        If nothing could be read of what is there.
     """
     inbox = BrowserResults()
     for path in paths:
-        if path.is_dir():
-            for inside in sorted(one for one in path.rglob("*") if one.is_file()):
-                _read_file(inside, inbox)
-        else:
-            _read_file(path, inbox)
+        for file in _files_in(path, inbox) if _surely(path.is_dir) else [path]:
+            try:
+                _read_file(file, inbox)
+            except StudyError as error:
+                inbox.unread.append(str(error))
+    if inbox.unread and not inbox.found:
+        raise StudyError("\n".join(inbox.unread))
     return inbox
 
 
-def whole_lines(found: ParticipantLines) -> list[AnyLine]:
-    """Return the lines of a participant in order.
+def _files_in(folder: Path, inbox: BrowserResults) -> Iterator[Path]:
+    """Yield all files below a folder; what cannot be read is named."""
 
-    Raises
-    ------
-    ContradictionError
-        If the first one, or one between, has not come.
-    """
-    count = max(found.lines) + 1
-    missing = [n for n in range(count) if n not in found.lines]
-    if missing:
-        shown = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-        raise ContradictionError(
-            f"{len(missing)} of {count} lines have not come (numbers {shown}); ask the server for"
-            " the rest of the results, or the participant for the local copy"
-        )
-    return [found.lines[n] for n in range(count)]
+    def refused(error: OSError) -> None:
+        what = f"{error.filename}: must be a folder that can be read ({error.strerror})"
+        inbox.unread.append(f"{what}; change its permissions")
+
+    for place, folders, names in os.walk(folder, onerror=refused):
+        folders.sort()
+        for path in sorted(Path(place, name) for name in (*folders, *names)):
+            if path.is_symlink() and _surely(path.is_dir):
+                inbox.unread.append(f"{path}: must be no link to a folder; name that folder itself")
+            elif _surely(path.is_file):
+                yield path
+            elif path.name in names:
+                inbox.unread.append(
+                    f"{path}: must be a file (it is a socket, a device, or a link to nothing);"
+                    " move it out of the folder"
+                )
+
+
+def _surely(ask: Callable[[], bool]) -> bool:
+    """Return True if the disk says so; False, too, where it says nothing."""
+    with suppress(OSError):
+        return ask()
+    return False
 
 
 def _read_file(path: Path, inbox: BrowserResults) -> None:
@@ -121,27 +195,73 @@ def _read_file(path: Path, inbox: BrowserResults) -> None:
     if data[:2] != b"PK":  # as every archive begins, and no line
         inbox.read(path.name, data)
         return
-    for name, text in _texts_of(path, data):
-        inbox.read(f"{path.name}: {name}", text)
+    with reading(path, "an archive that can be read", StudyError, "download it again"):
+        check_zip(path, io.BytesIO(data), StudyError)
+        archive = zipfile.ZipFile(io.BytesIO(data))
+    left, lines = limit("unpacked"), 0
+    for entry in archive.infolist():
+        if not entry.filename.lower().endswith((".txt", *_ARCHIVES)):
+            continue
+        place = Path(f"{path}: {shown(entry.filename)}")
+        try:
+            text = _unpacked(archive, entry, place, min(left, limit("table")))
+        except StudyError as error:
+            inbox.unread.append(str(error))
+            continue
+        left, lines = left - len(text), lines + text.count(b"\n")
+        check_within("events", lines, StudyError, path, "lines")
+        inbox.read(f"{path.name}: {entry.filename}", text)
 
 
-def _texts_of(path: Path, data: bytes) -> Iterator[tuple[str, bytes]]:
-    """Yield the results in an archive of JATOS, of either layout.
+def _unpacked(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, place: Path, most: int) -> bytes:
+    """Return an entry of an archive, as long as it does not grow beyond `most` bytes.
 
     Raises
     ------
     StudyError
-        If the archive is damaged, or grows too large.
+        If it is damaged, grows larger, or is no text.
     """
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            entries = [one for one in archive.infolist() if one.filename.endswith(".txt")]
-            check_within(
-                "unpacked", sum(one.file_size for one in entries), StudyError, path, "bytes"
-            )
-            for entry in entries:
-                yield entry.filename, archive.read(entry)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+    if entry.filename.lower().endswith(_ARCHIVES):
+        raise StudyError(f"{place}: must be a text (it is an archive); unpack it, and name it")
+    deflated = entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+    if entry.flag_bits & 1 or not deflated:  # others cannot be unpacked piece by piece
         raise StudyError(
-            f"{path}: must be an archive that can be read ({error}); download it again"
-        ) from None
+            f"{place}: must be deflated, and not encrypted, as JATOS does it; unpack the archive,"
+            " and name the folder"
+        )
+    text, must = bytearray(), "a whole text"
+    cure = "download the archive again"
+    with reading(place, must, StudyError, cure), archive.open(entry) as file:
+        while (piece := file.read(_PIECE)) and len(text) <= most:
+            text += piece
+    if len(text) > most:
+        raise StudyError(
+            f"{place}: must unpack to at most {most:,} bytes (it holds more); if it is right,"
+            f" unpack the archive, name the folder, and allow more by"
+            f" {LIMITS_VARIABLE}=table=NUMBER"
+        )
+    return bytes(text)
+
+
+def whole_lines(found: ParticipantLines) -> Iterator[AnyLine]:
+    """Return the lines of a participant in order.
+
+    Raises
+    ------
+    ContradictionError
+        If the first one, or one between, has not come.
+    """
+    count = max(found.texts) + 1
+    gaps: list[str] = []
+    due = 0
+    for n in sorted(found.texts):
+        if n > due:
+            gaps.append(f"{due}" if n == due + 1 else f"{due} to {n - 1}")
+        due = n + 1
+    if gaps:
+        some = ", ".join(gaps[:5]) + (", ..." if len(gaps) > 5 else "")
+        raise ContradictionError(
+            f"{count - len(found.texts):,} of {count:,} lines have not come (numbers {some}); ask"
+            " the server for the rest of the results, or the participant for the local copy"
+        )
+    return (found.line(n) for n in range(count))

@@ -20,7 +20,7 @@ from protocols.load import load_study
 from protocols.manifest import Manifest, read_manifest
 from protocols.study_file.schema import StudyProtocol
 from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgument
-from study_app.cli.terminal import PlainConsole, say
+from study_app.cli.terminal import PlainConsole, say, say_notes
 
 if TYPE_CHECKING:  # pictures and fonts load where a study is looked at
     from study_app.web.export import BrowserNeeds
@@ -120,10 +120,11 @@ def import_web(
     study, screen = load_study(protocol, display, recorded=True)
     manifest = read_manifest(stimuli)
     inbox = read_web_results(results)
-    for damaged in inbox.damaged[:20]:
+    for damaged in inbox.damaged:
         say(f"note: {damaged}; left out", file=sys.stderr)
-    if len(inbox.damaged) > 20:
-        say(f"note: and {len(inbox.damaged) - 20} more", file=sys.stderr)
+    if inbox.damages > len(inbox.damaged):
+        say(f"note: and {inbox.damages - len(inbox.damaged)} more", file=sys.stderr)
+    say_notes(inbox.notes)
     found = import_results(inbox, study, screen, manifest, sessions, write=not check)
     table = Table("participant", "state", "attempts", "ended", "", box=None, header_style="")
     for one in found:
@@ -131,13 +132,18 @@ def import_web(
     PlainConsole().print(table)
     others = sorted({name for name, _ in inbox.found} - {study.study.name})
     if others:
-        say(f"note: lines of other studies were left out: {', '.join(others)}")
+        more = f" and {len(others) - 5} more" if len(others) > 5 else ""
+        say(f"note: lines of other studies were left out: {', '.join(others[:5])}{more}")
     refused = [one for one in found if one.state == "refused"]
+    left_out = inbox.unread
     if refused:
-        raise StudyError(
+        left_out = [
             f"{count_of(len(refused), 'participant')} left out:"
-            f" {', '.join(one.participant for one in refused)}; the table says why"
-        )
+            f" {', '.join(one.participant for one in refused)}; the table says why",
+            *left_out,
+        ]
+    if left_out:
+        raise StudyError("\n".join(left_out))
 
 
 def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) -> Iterator[str]:
