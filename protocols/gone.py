@@ -52,6 +52,8 @@ INSTEAD: Mapping[str, str] = {
     " (docs/web.md, step 5)",
     "session verify --identity": "decrypt the archive by 'age --decrypt --identity key.txt --output"
     " backup.zip backup.zip.age', unzip it, and verify its folder sessions",
+    "stimuli build --scheduler": "build on one machine, which uses all its cores (--workers), and"
+    " copy the folder of clips",
     "stimuli probe": "use 'metamerlab stimuli check CLIPS --flicker'",
     "demo --no-studies": "use 'metamerlab demo', which runs one study; --all runs the others, too",
     "demo --no-window": "use 'metamerlab demo', which opens no window without --all",
