@@ -54,6 +54,8 @@ INSTEAD: Mapping[str, str] = {
     " backup.zip backup.zip.age', unzip it, and verify its folder sessions",
     "stimuli build --scheduler": "build on one machine, which uses all its cores (--workers), and"
     " copy the folder of clips",
+    "stimuli look --interactive": "draw the best views by 'metamerlab stimuli look SCENE --out"
+    " views.png', and edit the numbers of one with --view",
     "stimuli probe": "use 'metamerlab stimuli check CLIPS --flicker'",
     "demo --no-studies": "use 'metamerlab demo', which runs one study; --all runs the others, too",
     "demo --no-window": "use 'metamerlab demo', which opens no window without --all",

@@ -16,7 +16,6 @@ from pipeline.pictures import drawing
 from protocols.recipes.warped_clips import CameraView
 from stimuli.rendering.open_scene import vector_text, view_line, viewpoint_of
 from stimuli.rendering.render import WorldRenderer
-from stimuli.rendering.view_page import LookServer
 from stimuli.rendering.world import Vector, Viewpoint, World, vector
 from stimuli.scenes.builtin_scenes import build_scene, scene_names
 from stimuli.scenes.mesh_file import load_world
@@ -148,35 +147,6 @@ def look_around(
     out.parent.mkdir(parents=True, exist_ok=True)
     drawing.save_picture(out, drawing.sheet(tiles))
     return lines + light
-
-
-def look_interactively(
-    ctx: moderngl.Context,
-    preview: ScenePreview,
-    *,
-    opened: Callable[[str], None],
-    say: Callable[[str], None],
-) -> None:
-    """Serve the scene as a local page until it is done, from the first of its chosen views.
-
-    `opened` is told the page's address, `say` the line of every view that is taken, and what the
-    file says and is not drawn.
-    """
-    light, world = preview.light_lines(), preview.world()
-    renderer = WorldRenderer(ctx, world)
-    try:
-        if preview.chosen:
-            start = viewpoint_of(preview.chosen[0], world)
-        else:
-            sided = not preview.is_built_in
-            start = _best(renderer, 1, lambda _done, _total: None, sided=sided)[0]
-        server = LookServer(renderer, Path(preview.scene).name, start, say)
-        for line in (*(f"note: {note}" for note in world.notes), *light):
-            say(line)
-        opened(server.address)
-        server.run()
-    finally:
-        renderer.release()
 
 
 def _best(

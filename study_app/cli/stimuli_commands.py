@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,11 +15,6 @@ from study_app.cli.options import DisplayOption, ProtocolArgument, one_of
 from study_app.cli.progress import progress_line
 from study_app.cli.score_command import score
 from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
-
-if TYPE_CHECKING:
-    import moderngl
-
-    from stimuli.rendering.scene_views import ScenePreview
 
 
 app = CommandGroup(
@@ -159,13 +152,6 @@ def look(
     ] = None,
     *,
     light: LightingOptions,
-    interactive: Annotated[
-        bool,
-        typer.Option(
-            help="Open a page of this machine instead: drag to turn, keys to move; it prints the"
-            " view's line."
-        ),
-    ] = False,
 ) -> None:
     """Draw candidate views of a 3D scene, to choose a camera from.
 
@@ -179,8 +165,6 @@ def look(
             --view "view = { position_m = [0, 1.6, 4], look_at_m = [0, 1, -2] }"
 
         metamerlab stimuli look place.glb --out views.png --sun-direction -1 1 0.5
-
-        metamerlab stimuli look place.glb --interactive
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
@@ -192,15 +176,11 @@ def look(
     chosen = [parse_view(line) for line in view or ()]
     preview = ScenePreview(scene, scale, seed, chosen, kind, light.sun_direction)
     notes: list[str] = []
-    with lent_context() as ctx:
-        if interactive:
-            _look_interactively(ctx, preview)
-            return
-        with progress_line("trying views") as report:
-            lines = look_around(
-                ctx, preview, out, views, note=notes.append,
-                report=lambda done, total: report(done, total, "trying views"),
-            )  # fmt: skip
+    with lent_context() as ctx, progress_line("trying views") as report:
+        lines = look_around(
+            ctx, preview, out, views, note=notes.append,
+            report=lambda done, total: report(done, total, "trying views"),
+        )  # fmt: skip
     say_notes(notes)
     say("\n".join(lines))
     say(f"wrote {out}")
@@ -295,18 +275,3 @@ def _frames(indices: list[int]) -> str:
         return "none"
     shown = ", ".join(map(str, indices[:4]))
     return shown + (f", ... ({len(indices)})" if len(indices) > 4 else "")
-
-
-def _look_interactively(ctx: moderngl.Context, preview: ScenePreview) -> None:
-    """Serve the page, open it where there is a browser, and print what is taken."""
-    import webbrowser
-
-    from stimuli.rendering.scene_views import look_interactively
-
-    def opened(address: str) -> None:
-        say(f"{address} shows the scene; 'Done' there, or ctrl-C here, ends it")
-        if sys.stdout.isatty():
-            webbrowser.open(address)
-
-    with suppress(KeyboardInterrupt):
-        look_interactively(ctx, preview, opened=opened, say=say)
