@@ -16,7 +16,6 @@ from study_app.cli.progress import progress_line
 from study_app.cli.score_command import score
 from study_app.cli.terminal import PlainConsole, say, say_notes, table_of
 
-
 app = CommandGroup(
     help="""Build and check a study's clips.
 
