@@ -193,8 +193,10 @@ class SessionStart(Event, ExtendedModel):
     """The session ran in the participant's own browser. Left out where it ran at a desk."""
 
 
-class SessionResume(Event):
+class SessionResume(Event, ExtendedModel):
     """The program was started again for the same session."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("refresh_hz", "deviations_s")
 
     kind: Literal["session-resume"] = "session-resume"
     revision: str
@@ -203,6 +205,10 @@ class SessionResume(Event):
     gaze: GazeInfo | None
     torn_file: str | None
     """File that an unfinished last line was moved to. Null if there was none."""
+    refresh_hz: Hertz | None = None
+    """Refresh rate from here on. Left out where it is as before."""
+    deviations_s: dict[str, float] | None = None
+    """Excess of times at that rate over those that the study states. Left out with the rate."""
 
 
 class ConsentGiven(Event):

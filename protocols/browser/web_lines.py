@@ -60,6 +60,9 @@ class Sent(Event):
     """Time on the page's clock: monotonic, 0 when this run opened it."""
     at: UtcTime
     """Time on the participant's clock, UTC."""
+    opening: Count | None = None
+    """Drawn by chance when the page was opened: tells two tabs of one link apart. Null in lines of
+    older pages."""
     chain: SkipJsonSchema[None] = None
     """Null: it is made where the journal is written."""
 
@@ -87,7 +90,10 @@ class ResumeLine(Sent):
 
     kind: Literal["resume"] = "resume"
     rate_hz: Hertz
+    """Refresh rate that is used from here on, of those of the study."""
     machine: Machine
+    continues: Count | None = None
+    """Opening of the page that wrote the line before. Null in lines of older pages."""
 
 
 class ConsentLine(Sent, ConsentGiven):

@@ -1,7 +1,7 @@
 """A study for browsers with pixels, small enough for a test, and sessions of it by the kernel."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -34,6 +34,7 @@ WEB_CASES = CASES | {
     ),
 }  # fmt: skip
 FHD = load_display("fhd27-60hz")
+AS_ONCE = {"opened_s": 0, "past": None, "rates_hz": [], "most": None}
 NO_FAULTS = {"missed": 0.0, "paused": 0.0, "disturbed": 0.0, "killed": 0.0}
 
 
@@ -60,16 +61,21 @@ class BuiltWebStudy:
         slot: int = 0,
         rate_hz: float = 60.0,
         luck: int = 1,
+        page: Mapping[str, Any] | None = None,
         **faults: float,
     ) -> dict[str, Any]:
-        """Let the kernel run a whole session: its ending, deaths of the page, and the results."""
+        """Let the kernel run a session: its ending, deaths of the page, and the results.
+
+        Where `page` says after how many lines (`most`) nobody goes on: the history (`past`), too.
+        """
         begun = {
             "participant": participant, "slot": slot, "slot_from": "drawn", "seed": 77 + luck,
             "language": self.study.text.default_language, "rate_hz": rate_hz, "identifier": None,
         }  # fmt: skip
         return kernel.ask(
-            "session", study=self.exported, begun=begun, faults=NO_FAULTS | faults, luck=luck
-        )
+            "session", study=self.exported, begun=begun, faults=NO_FAULTS | faults, luck=luck,
+            page=AS_ONCE | (page or {}),
+        )  # fmt: skip
 
 
 def with_pixels(study: StudyProtocol, folder: Path) -> Manifest:

@@ -6,6 +6,7 @@ import { FileError, fetched, Files, sha256 } from "./stage/files";
 import { checkDevice, machineOf, measuredRate, nearestRate, Refusal, scaleOf } from "./stage/gate";
 import { cover, fillScreen, Screen, showNote } from "./stage/screen";
 import { filled, wordsOf, type Words } from "./stage/words";
+import { holdLink, type Hold } from "./store/one_tab";
 import { CopyingStore, JatosStore, LocalStore, insist, UnsentError, type Jatos } from "./store/stores";
 
 export type { Ending };
@@ -36,9 +37,11 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
   const base = options.base ?? "";
   const [canvas, pages] = stageElements();
   let words = wordsOf(navigator.language);
+  let hold: Hold | null = null;
   try {
     const [bytes, study] = await studyOf(options);
     const store = storeOf(options, study);
+    hold = await held(store, pages, wordsOf(languageOf(study, link)), options.jatos);
     const past = await store.load();
     const language = past?.begun.language ?? languageOf(study, link);
     words = wordsOf(language);
@@ -85,6 +88,7 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     throw error;
   } finally {
     pages.dataset["page"] = "over"; // for whoever drives the page
+    hold?.release();
   }
 }
 
@@ -95,10 +99,35 @@ async function studyOf(options: Options): Promise<[ArrayBuffer, WebStudy]> {
 
 /** Without a server, a browser keeps a session for each link of each version of a study. */
 function storeOf({ jatos, link }: Options, study: WebStudy): CopyingStore {
-  if (jatos) return new CopyingStore(new JatosStore(jatos));
+  if (jatos) return new CopyingStore(new JatosStore(jatos), `jatos:${jatos.studyResultUuid ?? study.study}`);
   const slot = (link ?? linkOf()).get("slot") ?? "";
   const name = [study.study, study.protocol_sha256.slice(0, 12), slot].join(":");
-  return new CopyingStore(new LocalStore(name, localStorage));
+  return new CopyingStore(new LocalStore(name, localStorage), name);
+}
+
+/** Wait until no other tab has this link. */
+async function held(store: CopyingStore, pages: HTMLElement, words: Words, jatos?: Jatos): Promise<Hold> {
+  const waits = (ask: () => void) => {
+    showNote(pages, words.busy);
+    const here = document.createElement("button");
+    here.textContent = words.here;
+    here.addEventListener("click", () => {
+      here.disabled = true;
+      ask();
+    });
+    pages.append(here);
+    pages.dataset["page"] = "busy";
+  };
+  const leaves = async () => {
+    await store.close();
+    showNote(document.body, words.moved);
+    if (document.fullscreenElement) await document.exitFullscreen().catch(() => undefined);
+  };
+  const hold = await holdLink(store.name, waits, leaves);
+  if (!hold.waited || !jatos) return hold;
+  jatos.showBeforeUnloadWarning?.(false);
+  location.reload(); // JATOS tells a page what was kept only when it is loaded
+  return new Promise(() => undefined);
 }
 
 /** Parameters of the participant's link. JATOS leads on to an address without them, and keeps them. */

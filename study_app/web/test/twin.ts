@@ -21,7 +21,16 @@ type Asked =
   | { ask: "levels"; rule: QuestPlusRule | UpDownRule; history: Answered[] }
   | { ask: "flips"; refresh_hz: number; stamps_s: number[] }
   | { ask: "attempt"; script: TrialScript; observed: Observed[] }
-  | { ask: "session"; study: WebStudy; begun: Begun; faults: Faults; luck: number };
+  | { ask: "session"; study: WebStudy; begun: Begun; faults: Faults; luck: number; page: Opened };
+
+/** How pages are opened: when the first is, by which history, at which rates; the last one's goes on. */
+interface Opened {
+  readonly opened_s: number;
+  readonly past: History | null;
+  readonly rates_hz: readonly number[];
+  /** Lines after which nobody opens the page again. Null: it is opened until the end. */
+  readonly most: number | null;
+}
 
 /** Shares at which something happens: refreshes missed, pauses, disturbances, deaths of the page. */
 interface Faults {
@@ -53,10 +62,12 @@ class Killed extends Error {}
 /** A server that keeps what it was told, and kills the page at random around each write. */
 class Server implements Store {
   readonly results: string[] = [];
-  private history: History | null = null;
   private dead = false;
 
-  constructor(private readonly dies: () => boolean) {}
+  constructor(
+    public history: History | null,
+    private readonly dies: () => boolean,
+  ) {}
 
   load(): Promise<History | null> {
     this.dead = false; // another page
@@ -83,18 +94,20 @@ class Server implements Store {
 
 /** A screen and a participant that exist in numbers only. */
 class Screen implements Stage {
-  private now_us = 0;
+  now_us = 0;
 
   constructor(
     private readonly study: WebStudy,
     private readonly rate_hz: number,
+    private readonly opened_ms: number,
     private readonly chance: (share: number) => boolean,
     private readonly pick: <T>(of: readonly T[]) => T,
     private readonly faults: Faults,
   ) {}
 
-  stamps(): { t_s: number; at: string } {
-    return { t_s: Math.round(this.now_us) / 1e6, at: new Date(this.now_us / 1e3).toISOString() };
+  stamps(): { t_s: number; at: string; opening: number } {
+    const at = new Date(this.opened_ms + this.now_us / 1e3).toISOString();
+    return { t_s: Math.round(this.now_us) / 1e6, at, opening: this.opened_ms };
   }
 
   page(page: Page): Promise<PageResult> {
@@ -146,14 +159,18 @@ const MACHINE: Machine = {
 /** A whole session by the kernel: the results as a server has them, and how often the page died. */
 async function session(asked: Extract<Asked, { ask: "session" }>): Promise<unknown> {
   const { study, begun, faults } = asked;
+  const { past: first, rates_hz, most } = asked.page;
   const luck = new Chance(asked.luck, "luck");
   const chance = (share: number) => share > 0 && luck.below(1_000_000) < share * 1e6;
   const pick = <T>(of: readonly T[]): T => at(of, luck.below(of.length));
-  const server = new Server(() => chance(faults.killed));
-  const rate = at(study.rates, study.rates.findIndex((one) => one.refresh_hz === begun.rate_hz));
+  const enough = (): boolean => most !== null && server.results.length >= most;
+  const server: Server = new Server(first, () => enough() || chance(faults.killed));
+  let opened_ms = 1000 * asked.page.opened_s;
   const hash = (text: string) => Promise.resolve(createHash("sha256").update(text).digest("hex"));
   for (let deaths = 0; ; deaths++) {
-    const screen = new Screen(study, rate.refresh_hz, chance, pick, faults);
+    const rate_hz = rates_hz[Math.min(deaths, rates_hz.length - 1)] ?? begun.rate_hz;
+    const rate = at(study.rates, study.rates.findIndex((one) => one.refresh_hz === rate_hz));
+    const screen = new Screen(study, rate_hz, opened_ms, chance, pick, faults);
     const stamps = () => screen.stamps();
     try {
       const past = await server.load();
@@ -164,6 +181,8 @@ async function session(asked: Extract<Asked, { ask: "session" }>): Promise<unkno
       return { ending, deaths, results: server.results };
     } catch (error) {
       if (!(error instanceof Killed)) throw error;
+      if (enough()) return { ending: null, deaths, results: server.results, past: server.history };
+      opened_ms += Math.ceil(screen.now_us / 1e3) + 1000;
     }
   }
 }

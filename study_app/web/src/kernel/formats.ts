@@ -202,6 +202,7 @@ export interface WebTrack {
 export interface Sent {
   /** Time on the participant's clock, UTC. */ readonly at: string;
   /** Number of the line, from 0, over all runs. */ readonly n: number;
+  /** Drawn by chance when the page was opened: tells two tabs of one link apart. Null in lines of older pages. */ readonly opening: number | null;
   readonly participant: string;
   /** Number of the opening of the page that wrote it, from 0. */ readonly run: number;
   readonly study: string;
@@ -297,9 +298,10 @@ export interface Press {
 
 /** The page was opened again for the same participant. */
 export interface ResumeLine extends Sent {
+  /** Opening of the page that wrote the line before. Null in lines of older pages. */ readonly continues: number | null;
   readonly kind: "resume";
   readonly machine: Machine;
-  readonly rate_hz: number;
+  /** Refresh rate that is used from here on, of those of the study. */ readonly rate_hz: number;
 }
 
 /** The first line of a participant. */

@@ -13,8 +13,8 @@ type Without<L, K extends keyof L> = L extends unknown ? Omit<L, K> : never;
 /** Event of a line, without number, times and sender. */
 export type Said = Without<WebLine, keyof Sent>;
 
-/** Clocks of the page, when a line is made. */
-type Stamps = () => Pick<Sent, "t_s" | "at">;
+/** Clocks of the page, when a line is made, and which opening of it this is. */
+type Stamps = () => Pick<Sent, "t_s" | "at" | "opening">;
 
 /** Memory of a page that is opened again; small enough for a server's memory of a session. */
 export interface History {
@@ -67,8 +67,9 @@ export class LineLog {
   ): Promise<LineLog> {
     await store.send(past.last);
     const { begun, run, next, events } = past;
+    const { opening } = JSON.parse(past.last) as Partial<Sent>; // earlier pages said none
     const lines = new LineLog(store, study.study, stamps, begun, run + 1, next, events);
-    await lines.say({ kind: "resume", rate_hz, machine });
+    await lines.say({ kind: "resume", rate_hz, machine, continues: opening ?? null });
     return lines;
   }
 

@@ -20,6 +20,7 @@ export class Screen implements Stage {
   private between: Disturbance | null = null;
   private watching = false;
   private readonly opened_ms = performance.now();
+  private readonly opening = crypto.getRandomValues(new Uint32Array(1))[0] ?? 0;
 
   constructor(
     readonly canvas: HTMLCanvasElement,
@@ -52,10 +53,10 @@ export class Screen implements Stage {
     });
   }
 
-  /** Time stamps of a line. */
-  stamps(): { t_s: number; at: string } {
+  /** Stamps of a line: times, and the opening of the page, drawn by chance. */
+  stamps(): { t_s: number; at: string; opening: number } {
     const t_s = Math.round((performance.now() - this.opened_ms) * 1e3) / 1e6;
-    return { t_s, at: new Date().toISOString() };
+    return { t_s, at: new Date().toISOString(), opening: this.opening };
   }
 
   async prepare(trial: PlannedTrial, next: PlannedTrial | null): Promise<string | null> {

@@ -6,6 +6,7 @@ export interface Jatos {
   /** Of the participant's link. */
   readonly urlQueryParameters?: Readonly<Record<string, string>>;
   readonly studySessionData: Record<string, unknown> | undefined;
+  readonly studyResultUuid?: string;
   readonly batchSession: {
     get(name: string): unknown;
     add(path: string, value: unknown): Promise<unknown>;
@@ -14,6 +15,7 @@ export interface Jatos {
     defined(path: string): boolean;
   };
   onLoad(callback: () => void): void;
+  showBeforeUnloadWarning?(shows: boolean): void;
   setStudySessionData(data: object): Promise<unknown>;
   appendResultData(data: string): Promise<unknown>;
   endStudy(successful: boolean): Promise<unknown>;
@@ -104,16 +106,29 @@ export class LocalStore implements Store {
 /** Keeps a copy of every line, so that a participant can save them where sending fails. */
 export class CopyingStore implements Store {
   private readonly copy = new Set<string>();
+  private kept = Promise.resolve();
+  private closed = false;
 
-  constructor(private readonly store: Store) {}
+  /** `name` tells this link's store from all others of the browser. */
+  constructor(
+    private readonly store: Store,
+    readonly name: string,
+  ) {}
 
   load(): Promise<History | null> {
     return this.store.load();
   }
 
   keep(history: History): Promise<void> {
+    if (this.closed) return new Promise(() => undefined); // another tab goes on
     this.copy.add(history.last); // before anything can fail
-    return this.store.keep(history);
+    return (this.kept = this.store.keep(history));
+  }
+
+  /** Take no more; ends when what was taken is safe, or was refused. */
+  async close(): Promise<void> {
+    this.closed = true;
+    await this.kept.catch(() => undefined);
   }
 
   send(line: string): Promise<void> {
