@@ -63,6 +63,7 @@ INSTEAD: Mapping[str, str] = {
         "use 'metamerlab warp motorcycle OUT.png --compare SHEET.png', or 'metamerlab demo', which"
         " begins with these pictures"
     ),
+    "denoise render": "render the noisy picture by any path tracer, as docs/denoising.md says",
     "denoise train": "use the networks that come along, as 'metamerlab denoise run' does",
 }
 """Words that name a removed part, as a user writes them, and what to do instead.

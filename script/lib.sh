@@ -13,7 +13,7 @@ ROOT=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 VENV="$ROOT/.venv"
 LOCK="$ROOT/requirements.lock"              # what metamerlab itself needs
 SETUP_LOCK="$ROOT/requirements-setup.lock"  # uv and pip, which install these
-EXTRAS="test metrics metamers denoise docs" # requirements-NAME.lock and .txt
+EXTRAS="test metrics metamers docs"         # requirements-NAME.lock and .txt
 ASKED_EXTRA=""                              # script/setup --NAME, script/docs
 FOR_TESTS=""                                # prepare tests
 PYTHON_FOUND=""                             # only where .venv has to be made
@@ -320,7 +320,6 @@ install_extra() {
     case $name in
         test) size="340 MB" ;;
         docs) size="60 MB" ;;
-        denoise) size="Mitsuba: 200 MB" ;;
         *) size="torch: some 200 MB, several GB with CUDA" ;;
     esac
     say "Installing what is needed for $name ($size)"

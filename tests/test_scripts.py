@@ -63,9 +63,8 @@ class Machine:
             (self.home / f"{name}.lock").write_text(lock)
         (root / "uv").write_text(FAKE_UV)
         (root / "uv").chmod(0o755)
-        for extra in ("metrics", "metamers", "denoise", "docs"):
-            if extra != "denoise":
-                (self.home / f"requirements-{extra}.txt").write_text("torch==2\n")
+        for extra in ("metrics", "metamers", "docs"):
+            (self.home / f"requirements-{extra}.txt").write_text("torch==2\n")
             if extra != "docs":
                 (self.home / f"requirements-{extra}.lock").write_text(
                     "lpips==1 \\\n    --hash=sha256:1\n"
@@ -224,7 +223,6 @@ def test_a_changed_lock_or_project_is_installed_into_the_same_environment(machin
         ("metrics", ["--metrics"], {}),
         ("metrics", [], {"CI": "true"}),
         ("metamers", ["--metamers"], {}),
-        ("denoise", ["--denoise"], {}),
     ],
 )
 def test_extras_come_when_asked_for_and_stay_wanted(machine, extra, arguments, env):
@@ -237,27 +235,23 @@ def test_extras_come_when_asked_for_and_stay_wanted(machine, extra, arguments, e
     lines = [line for line in log if line.startswith("uv")]
     (hashed,) = (line for line in lines if f"/requirements-{extra}.lock" in line)
     assert "--require-hashes --no-deps" in hashed
-    endings = ["lock"] if extra == "denoise" else ["txt", "lock"]  # no torch: no second call
-    if "txt" in endings:
-        (asked,) = (line for line in lines if f"/requirements-{extra}.txt" in line)
-        assert "--constraint" in asked
+    (asked,) = (line for line in lines if f"/requirements-{extra}.txt" in line)
+    assert "--constraint" in asked
     others = {"requirements-docs.txt", "requirements-test.lock"} if "CI" in env else set()
     assert {name for name in others if any(f"/{name} " in line for line in lines)} == others
-    assert len(lines) == len(endings) + len(others)
-    if "txt" in endings:
-        locked = machine.home / ".venv/metamerlab-locked.txt"
-        assert locked.read_text() == "numpy==2\n"
+    assert len(lines) == 2 + len(others)
+    assert (machine.home / ".venv/metamerlab-locked.txt").read_text() == "numpy==2\n"
     assert (machine.setup().stderr, machine.log()) == ("", [])
 
-    for ending in endings:
+    for ending in ("txt", "lock"):
         (machine.home / f"requirements-{extra}.{ending}").write_text("torch==3\n")
         assert machine.setup().returncode == 0
-        assert len(machine.log()) == len(endings)
+        assert len(machine.log()) == 2
 
 
 def test_all_of_an_extra_but_torch_is_held_to_hashes(repository):
     """Else whoever answers for an index decides what runs here."""
-    own = {"metrics": {"torch", "torchvision"}, "metamers": {"torch"}, "denoise": set()}
+    own = {"metrics": {"torch", "torchvision"}, "metamers": {"torch"}}
     for extra, builds in own.items():
         plain = repository / f"requirements-{extra}.txt"
         lines = plain.read_text().splitlines() if builds else []
@@ -284,15 +278,14 @@ def test_the_extra_docs_stays_wanted_and_is_held_to_its_hashes(machine):
     assert "requirements-docs.txt " in machine.log()[-1]
 
 
-@pytest.mark.parametrize("extra", ["metrics", "metamers", "denoise"])
+@pytest.mark.parametrize("extra", ["metrics", "metamers"])
 def test_extras_survive_a_new_environment(machine, extra):
     machine.setup(f"--{extra}")
     machine.log()
     (machine.home / ".venv/bin/python").unlink()
 
     assert machine.setup().returncode == 0
-    ending = "lock" if extra == "denoise" else "txt"
-    assert f"/requirements-{extra}.{ending} " in machine.log()[-1]
+    assert f"/requirements-{extra}.txt " in machine.log()[-1]
 
 
 def test_tools_come_when_asked_for_and_with_each_new_lock(machine):
@@ -328,7 +321,7 @@ def test_setup_refuses_what_it_does_not_know(machine):
     done = machine.setup("--metric")
 
     assert (done.returncode, machine.log()) == (2, [])
-    assert "--metamers, --denoise or --tools (got --metric)" in done.stderr
+    assert "--metamers or --tools (got --metric)" in done.stderr
 
 
 @pytest.mark.parametrize("accident", ["kill-pip", "fail-pip"])

@@ -7,7 +7,8 @@ has lost, and the chroma that goes with it. Deviations, for squares of small num
 scaled for an L2 loss; chroma as a deviation too, since a slope means nothing where luma has none.
 
 The paper says 1 path in the periphery and 32 in the centre, and not how they fall between. In
-`Sampling` the exponent falls linearly with the eccentricity.
+`Sampling`, by which the networks' pictures were rendered, the exponent falls linearly with the
+eccentricity.
 
 Twin of `metamer_of`: gpu.py and weights.comp.glsl. Change both or neither.
 """
@@ -22,7 +23,6 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.foveation.chain import chain_length, chain_of, select
-from pipeline.foveation.geometry import Geometry, eccentricity_deg, pixel_centres
 from pipeline.foveation.noise_plane import noise_plane
 from pipeline.foveation.pooled_moments import (
     BLOCK_HALVINGS,
@@ -66,33 +66,6 @@ class Sampling:
                 "samples must fall between two angles, near_deg below far_deg"
                 f" (got {self.near_deg} and {self.far_deg})"
             )
-
-    def exponents(self, geometry: Geometry, gaze_px: tuple[float, float]) -> NDArray[np.intp]:
-        """Powers of two, from 0 to `halvings`: (H, W)."""
-        away_deg = eccentricity_deg(geometry, gaze_px, *pixel_centres(geometry))
-        share = (self.far_deg - away_deg) / (self.far_deg - self.near_deg)
-        return np.rint(self.halvings * np.clip(share, 0, 1)).astype(np.intp)
-
-    def counts(self, geometry: Geometry, gaze_px: tuple[float, float]) -> NDArray[np.intp]:
-        """Samples of each pixel: (H, W)."""
-        return np.left_shift(1, self.exponents(geometry, gaze_px))
-
-
-def composed(renders: NDArray[np.floating], exponents: NDArray[np.intp]) -> NDArray[np.float32]:
-    """Take each pixel from the picture that has its number of samples.
-
-    Pixels of a path tracer share no samples, so this is what tracing each pixel's own number of
-    paths gives.
-
-    Parameters
-    ----------
-    renders : ndarray of shape (N, H, W, 3)
-        With 1, 2, 4, ... samples a pixel.
-    exponents : ndarray of int, shape (H, W)
-        Below N.
-    """
-    rows, columns = np.indices(exponents.shape)
-    return np.asarray(renders[exponents, rows, columns], np.float32)
 
 
 LEVELS = 5

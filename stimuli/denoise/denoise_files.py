@@ -1,4 +1,4 @@
-"""Noisy pictures to denoised files, and noisy pictures of our scenes: `metamerlab denoise`."""
+"""Noisy pictures to denoised files: `metamerlab denoise`."""
 
 from __future__ import annotations
 
@@ -10,25 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.denoising.gpu import DenoisePass
-from pipeline.denoising.maps import Sampling, composed, metamer_of
+from pipeline.denoising.maps import metamer_of
 from pipeline.denoising.network import DenoisingNetwork, Kind, NetworkFacts, shipped_network
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Geometry
 from pipeline.foveation.pooling import Pools
 from pipeline.frame import check_seed
 from pipeline.pictures import drawing
-from pipeline.pictures.colour_file import PictureReading, save_colour
-from stimuli.denoise.path_traced import (
-    SCENE_SEED,
-    PathTracer,
-    Rendering,
-    SceneView,
-    render_pair,
-)
+from pipeline.pictures.colour_file import PictureReading
 from stimuli.media.frames_folder import SILENT, Reporter
-from stimuli.media.gaze_and_display import AS_ASSUMED, StatedViewing, gaze_words, read_gaze
+from stimuli.media.gaze_and_display import StatedViewing, gaze_words, read_gaze
 from stimuli.media.picture_files import PictureFiles, save_pictures
-from stimuli.scenes.builtin_scenes import build_scene
 
 NETWORKS: tuple[Kind, ...] = ("moments", "rgb")
 """Networks that come with metamerlab, by name."""
@@ -188,56 +180,6 @@ def network_words(name: str, facts: NetworkFacts) -> str:
     scenes = facts.made.get("scenes")
     trained = f", trained on {', '.join(map(str, scenes))}" if isinstance(scenes, list) else ""
     return f"network {name}: {what}; pools {facts.pooling}{trained}"
-
-
-def render_scene(
-    scene: str,
-    out: Path,
-    *,
-    gaze: str | None = None,
-    view: int = 0,
-    clean: Path | None = None,
-    rendering: Rendering | None = None,
-    reporter: Reporter = SILENT,
-) -> None:
-    """Path-trace a built-in scene with most samples at the gaze.
-
-    Parameters
-    ----------
-    view : int
-        Which camera; see `SceneView`.
-    clean : Path, optional
-        The same view with `Rendering.clean_samples` a pixel.
-
-    Raises
-    ------
-    MissingExtraError
-        If Mitsuba is not installed.
-    """
-    tell = reporter.say
-    rendering, sampling = rendering or Rendering(clean_samples=1), Sampling()
-    for path in (out, clean):
-        if path is not None and path.suffix.lower() not in ENDINGS:
-            raise InputError(f"{path}: must end in {' or '.join(ENDINGS)}")
-    seen = SceneView(scene, view)
-    edge = rendering.edge_px
-    looking = AS_ASSUMED.of((edge, edge))
-    gaze_px = read_gaze(gaze, looking.geometry)
-    world = build_scene(scene, SCENE_SEED)
-    renders, true = render_pair(PathTracer(world), world, seen, rendering)
-    counts = sampling.counts(looking.geometry, gaze_px)
-    noisy = composed(renders, sampling.exponents(looking.geometry, gaze_px))
-    out.parent.mkdir(parents=True, exist_ok=True)
-    save_colour(out, noisy)
-    tell(gaze_words(gaze_px, looking.geometry))
-    tell(
-        f"wrote {out}: {edge} x {edge} px, {counts.min()} to {counts.max()} samples a pixel,"
-        f" {counts.mean():.1f} on average"
-    )
-    if clean is not None:
-        clean.parent.mkdir(parents=True, exist_ok=True)
-        save_colour(clean, true)
-        tell(f"wrote {clean}: {rendering.clean_samples} samples a pixel")
 
 
 def _unlike_training(facts: NetworkFacts, geometry: Geometry) -> list[str]:

@@ -1,11 +1,11 @@
-"""Sample counts and moment maps: by hand, as metamers of clean pictures, GPU against numpy."""
+"""Moment maps: by hand, as metamers of clean pictures, GPU against numpy."""
 
 import numpy as np
 import pytest
 from skimage import data
 
 from pipeline.denoising.gpu import DenoisePass, map_layers
-from pipeline.denoising.maps import MOST_SLOPE, MomentMaps, Sampling, composed, maps_of, metamer_of
+from pipeline.denoising.maps import MOST_SLOPE, MomentMaps, Sampling, maps_of, metamer_of
 from pipeline.errors import InputError
 from pipeline.foveation import reference
 from pipeline.foveation.geometry import Flat
@@ -24,36 +24,6 @@ def picture():
 
 def pools_at(gaze_px, height=HEIGHT, width=WIDTH):
     return Pools(Flat(40).of(width, height), gaze_px, Pooling())
-
-
-def test_samples_halve_every_so_many_degrees():
-    """From 2 to 16 degrees five halvings, 2.8 degrees each; rounded half-way between."""
-    geometry = Flat(distance_px=1000).of(1001, 1)
-    counts = Sampling().counts(geometry, (500.5, 0.5))[0]
-
-    def at(degrees):
-        return int(counts[500 + round(1000 * np.tan(np.radians(degrees)))])
-
-    assert [at(d) for d in (0, 2, 4.8, 7.6, 10.4, 13.2, 16, 25)] == [32, 32, 16, 8, 4, 2, 1, 1]
-    assert (at(3.3), at(3.5)) == (32, 16)
-
-
-def test_one_halving_less_halves_the_most_samples():
-    geometry = Flat(40).of(64, 64)
-    assert Sampling(4).counts(geometry, (32, 32)).max() == 16
-    assert (Sampling(0).counts(geometry, (32, 32)) == 1).all()
-
-
-def test_each_pixel_comes_from_the_render_with_its_samples():
-    exponents = np.array([[0, 1], [2, 1]])
-    renders = np.arange(3 * 2 * 2 * 3).reshape(3, 2, 2, 3)
-
-    found = composed(renders, exponents)
-
-    for row in range(2):
-        for column in range(2):
-            expected = renders[exponents[row, column], row, column]
-            assert (found[row, column] == expected).all()
 
 
 @pytest.mark.parametrize(

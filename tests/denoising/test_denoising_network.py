@@ -328,11 +328,3 @@ def test_frames_of_other_sizes_are_refused(png, tmp_path):
 
     assert "b.png: must be as large as the first frame, 101 x 75 px (is 64 x 64)" in error
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_a_missing_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("stimuli.denoise.path_traced.find_spec", lambda _: None)
-    _, _, error = run("render", "castle", "--out", tmp_path / "n.png", status=2)
-    assert "script/setup --denoise" in error
-    assert list(tmp_path.iterdir()) == []

@@ -12,7 +12,6 @@ from study_app.cli.option_groups import CommandGroup
 from study_app.cli.pictures.one_picture_options import (
     FILE_ENDINGS,
     LOOK,
-    GazeOption,
     NumpyOption,
     PictureViewing,
     SeedOption,
@@ -27,11 +26,9 @@ app = CommandGroup(
 
     A network predicts the statistics of the clean picture, and noise with these statistics is
     added. Another network predicts the picture itself, for comparison. Both come with metamerlab
-    and need the extra onnx. Rendering noisy pictures needs the extra denoise.
+    and need the extra onnx. Noisy pictures come from any path tracer.
 
-    Examples:
-
-        metamerlab denoise render castle --gaze 128,128 --out noisy.png
+    Example:
 
         metamerlab denoise run noisy.png --gaze 128,128 --out metamer.png
     """,
@@ -72,8 +69,8 @@ def run(
 ) -> None:
     """Denoise: predict the moments of the clean picture, and make a metamer of them.
 
-    The picture should have most samples where the eye looks and one in the periphery, as render
-    makes it. What our networks can and cannot do: docs/denoising.md.
+    The picture should have most samples where the eye looks and one in the periphery. How many, and
+    what our networks can and cannot do: docs/denoising.md.
 
     Examples:
 
@@ -96,45 +93,4 @@ def run(
         denoise_file(
             picture, out, viewing=seen.stated(gaze), network=network, seed=seed,
             compare=compare, ctx=ctx, reporter=teller.reporter,
-        )  # fmt: skip
-
-
-@app.command()
-def render(
-    scene: Annotated[str, typer.Argument(help="A built-in scene.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="The noisy picture, .png or .exr.")] = Path("noisy.png"),
-    gaze: GazeOption = None,
-    view: Annotated[
-        int, typer.Option(min=0, help="Index of the camera: 0 is the scene's own.")
-    ] = 0,
-    clean: Annotated[
-        Path | None,
-        typer.Option(help="Clean picture to write too, .png or .exr.", show_default=False),
-    ] = None,
-    clean_samples: Annotated[
-        int, typer.Option(min=1, help="Samples per pixel of the clean picture.")
-    ] = 128,
-    size_px: Annotated[int, typer.Option(help="Edge, a multiple of 8.")] = 256,
-) -> None:
-    """Path-trace a built-in scene: 32 samples a pixel at the gaze, 1 in the periphery.
-
-    Needs Mitsuba 3, of the extra denoise. The scene is seen 40 degrees wide.
-
-    Examples:
-
-        metamerlab denoise render castle --gaze 128,128 --out noisy.png
-
-        metamerlab denoise render shed --view 3 --clean clean.png --clean-samples 256
-    """
-    from stimuli.denoise.denoise_files import render_scene
-    from stimuli.denoise.path_traced import Rendering
-
-    check_file(out, FILE_ENDINGS)
-    if clean is not None:
-        check_file(clean, FILE_ENDINGS)
-    rendering = Rendering(size_px, clean_samples if clean is not None else 1)
-    with ProgressLines(PlainConsole(soft_wrap=True)) as teller:
-        render_scene(
-            scene, out, gaze=gaze, view=view, clean=clean, rendering=rendering,
-            reporter=teller.reporter,
         )  # fmt: skip
