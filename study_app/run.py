@@ -64,8 +64,9 @@ def run_session(
         As `begin`, or `resume`, `Window`, `check_display`, `ClipStore` and `conduct` say.
     """
     setup, listener = _fit_to_open(setup, resuming=resuming), listener or SessionListener()
-    if setup.markers:  # early, so that recorders find the stream before the first trial
-        listener = replace(listener, on_mark=LslMarkers(setup.participant))
+    if setup.markers or setup.markers_code:  # early, so that recorders find it before a trial
+        code = setup.participant if setup.markers_code else ""
+        listener = replace(listener, on_mark=LslMarkers(code))
     with ExitStack() as stack:
         opened = _OpenSession(setup, listener, stack)
         recorder, plan = opened.begin(resuming=resuming)

@@ -50,6 +50,8 @@ class SessionSetup:
     marks: FlipMarks = field(default_factory=FlipMarks)
     markers: bool = False
     """True if phases are sent as LSL markers."""
+    markers_code: bool = False
+    """True if the markers' stream names the participant's code, too."""
     validate: bool = True
     """Validate the gaze source before each block; left out, the journal says so."""
     simulated: bool = False

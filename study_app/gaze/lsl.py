@@ -9,6 +9,7 @@ around a panorama; and markers go out, for recordings elsewhere.
 from __future__ import annotations
 
 import math
+import platform
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -344,15 +345,16 @@ class LslMarkers:
     Parameters
     ----------
     participant : str
-        Part of the stream's identity.
+        Part of the stream's identity, which the whole network sees. Empty: the host's name alone.
     clock : callable
         The session's clock, which the stamps of flips are on.
     """
 
-    def __init__(self, participant: str, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, participant: str = "", clock: Callable[[], float] = time.monotonic) -> None:
         self._pylsl = pylsl = load_pylsl()
+        identity = f"metamerlab {participant or platform.node()}"
         info = pylsl.StreamInfo(
-            "metamerlab", "Markers", 1, pylsl.IRREGULAR_RATE, "string", f"metamerlab {participant}"
+            "metamerlab", "Markers", 1, pylsl.IRREGULAR_RATE, "string", identity
         )
         self._outlet = pylsl.StreamOutlet(info)
         self._to_lsl_s = float(pylsl.local_clock()) - clock()

@@ -28,7 +28,7 @@ HEARD = """
 from study_app import run
 from study_app.cli import main
 class Heard(run.LslMarkers):
-    def __init__(self, participant):
+    def __init__(self, participant=""):
         super().__init__(participant)
         assert self._outlet.wait_for_consumers(60)
 run.LslMarkers = Heard

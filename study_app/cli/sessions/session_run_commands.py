@@ -69,7 +69,9 @@ class SessionArguments:
     photodiode: bool = False
     """A patch at the lower right, white at every other frame."""
     markers: bool = False
-    """Send the onset of every phase as LSL markers."""
+    """Send the onset of every phase as LSL markers, which the whole network can read."""
+    markers_code: bool = False
+    """As --markers, with the participant's code in the stream's source id."""
     software_pacing: PacingOption = False
     skip_validation: bool = False
     """Start blocks without validating gaze. Recorded in the journal."""
@@ -130,6 +132,7 @@ def _run(session: SessionArguments, language: str | None = None, *, resuming: bo
             pacing="software" if session.software_pacing else "vsync",
             marks=FlipMarks(session.strip, session.photodiode),
             markers=session.markers,
+            markers_code=session.markers_code,
             validate=not session.skip_validation,
             simulated=session.simulate,
             seed=session.seed,
