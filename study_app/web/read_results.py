@@ -20,6 +20,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from protocols.browser.web_lines import LINE, AnyLine
+from protocols.browser.web_study import STUDY_FILE
 from protocols.disk.whole_file import decoded_text, read_bytes
 from protocols.errors import StudyError
 from protocols.limits import LIMITS_VARIABLE, check_within, limit
@@ -37,6 +38,10 @@ _LONGEST = 1 << 24
 """Characters of a line: an attempt of half a day."""
 _BLANK = "\ufeff\0 \t\r\n\v\f"
 _GOES_ON = "trailing characters"
+_EXPORTED = (
+    "{}: must be results that browsers sent (this is the exported study); name what JATOS exports as"
+    " results, or the files that participants saved"
+)
 _ARCHIVES = (".zip", ".jrzip", ".gz", ".tar", ".7z", ".rar")
 
 
@@ -170,6 +175,10 @@ def _files_in(folder: Path, inbox: BrowserResults) -> Iterator[Path]:
         inbox.unread.append(f"{what}; change its permissions")
 
     for place, folders, names in os.walk(folder, onerror=refused):
+        if STUDY_FILE in names:
+            inbox.unread.append(_EXPORTED.format(place))
+            folders.clear()
+            continue
         folders.sort()
         for path in sorted(Path(place, name) for name in (*folders, *names)):
             if path.is_symlink() and _surely(path.is_dir):
@@ -192,6 +201,8 @@ def _surely(ask: Callable[[], bool]) -> bool:
 
 def _read_file(path: Path, inbox: BrowserResults) -> None:
     data = read_bytes(path, "results of a browser study", "table")
+    if data[:1] == b"{" and b'"default_language":' in data:
+        raise StudyError(_EXPORTED.format(path))
     if data[:2] != b"PK":  # as every archive begins, and no line
         inbox.read(path.name, data)
         return
@@ -199,6 +210,8 @@ def _read_file(path: Path, inbox: BrowserResults) -> None:
         check_zip(path, io.BytesIO(data), StudyError)
         archive = zipfile.ZipFile(io.BytesIO(data))
     left, lines = limit("unpacked"), 0
+    if any(entry.filename.endswith(".jas") for entry in archive.infolist()):
+        raise StudyError(_EXPORTED.format(path))
     for entry in archive.infolist():
         if not entry.filename.lower().endswith((".txt", *_ARCHIVES)):
             continue
