@@ -26,7 +26,8 @@ def plan_of(study: StudyProtocol, start: SessionStart) -> Plan | None:
 
     So it is where the study's secret is not at hand.
     """
-    study = study.ordered_by(start.seed) if start.remote else study
+    if start.remote:
+        study = study.ordered_by(start.seed, start.remote.places_key)
     try:
         trials = planned_trials(study, start.participant, start.slot)
         seed = study.order_seed

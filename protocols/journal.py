@@ -32,6 +32,7 @@ from protocols.units import (
     Share,
     Stamp,
     Text,
+    WebSeed,
     matching,
 )
 
@@ -126,8 +127,10 @@ class Machine(Model):
     """True if no person took part: an artificial observer drove the page."""
 
 
-class RemoteStart(Model):
+class RemoteStart(ExtendedModel):
     """Export, slot and machine of a session in a participant's own browser."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("places_key",)
 
     study_file_sha256: Sha256
     """Hash of the export's `study.json`."""
@@ -137,6 +140,9 @@ class RemoteStart(Model):
     machine: Machine
     identifier: Annotated[str, StringConstraints(max_length=200)] | None = None
     """Value of the link's parameter that the study names."""
+    places_key: WebSeed | None = None
+    """Key of the export, by which the slot's place in the counterbalancing is drawn. Null: places
+    are not drawn, or by the seed, as in exports of older versions."""
 
 
 class Remote(RemoteStart):

@@ -27,13 +27,14 @@ _MOST = 2**32
 def place_of(study: StudyProtocol, slot: int) -> int:
     """Return the place of a slot; drawn ones are below the length of a round.
 
-    They are a permutation of each round, which the study's secret decides. Each short round, of
-    arrangements and keys alone, is balanced too, so that a study of a few participants is.
+    They are a permutation of each round, which the study's secret decides, in browsers the export's
+    key. Each short round, of arrangements and keys alone, is balanced too, so that a study of a few
+    participants is.
     """
     if study.design.places != "drawn":
         return slot
     short, whole = rounds(study)
-    seed = study.order_seed
+    seed = study.place_seed
     number, within = divmod(slot, short)
     rest = _drawn(within, short, Chance(seed, "places", "short", number))
     turn, nth = divmod(number, whole // short)

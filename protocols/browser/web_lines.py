@@ -40,10 +40,9 @@ from protocols.units import (
     Share,
     Stamp,
     Text,
+    WebSeed,
 )
 
-WebSeed = Annotated[int, Field(ge=0, le=2**53 - 1)]
-"""Drawn by the browser: JavaScript holds such whole numbers exactly."""
 Microseconds = Annotated[int, Field(ge=0, le=2**53 - 1, json_schema_extra={"unit": "µs"})]
 
 
@@ -80,6 +79,7 @@ class StartLine(Sent, RemoteStart):
     manifest_sha256: Sha256
     slot: Count
     seed: WebSeed
+    """Drawn by the browser."""
     language: LanguageCode
     rate_hz: Hertz
     """Refresh rate that is used, of those of the study."""

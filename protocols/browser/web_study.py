@@ -10,13 +10,17 @@ no task, recipe or rule is written twice, and a lab's own task runs in a browser
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterable
+import string
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
 from protocols.adaptive.section import AdaptiveLevels, QuestPlusLevels, UpDownLevels
+from protocols.disk.hashing import Chance
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import stated_times_s, timing_problems
@@ -38,6 +42,7 @@ from protocols.units import (
     Sha256,
     Share,
     Text,
+    WebSeed,
 )
 
 
@@ -45,9 +50,9 @@ class WebArrangement(Model):
     """One way to show a condition."""
 
     stimuli: tuple[Text, ...]
-    """Names in the manifest, as the task counts them."""
+    """Names among the study's stimuli, as the task counts them."""
     correct: Name | None
-    """The right answer. Null where there is none."""
+    """The right answer. Null where there is none, or the page can do without."""
     level: Number | None = None
     """Value in the column that an adaptive rule chooses. Null where there is none."""
 
@@ -124,12 +129,14 @@ class WebDesign(Model):
     answers: tuple[Name, ...]
     """Names from left to right, where keys are not swapped."""
     scenes: tuple[str, ...]
-    """Scenes of the main trials. One empty name where the stimuli tell none."""
+    """Scenes of the main trials, which are told apart and not named."""
     repeats: Positive
     blocks: Few
     scene_order: Literal["random", "balanced"]
     side: Literal["by-participant", "by-trial", "fixed"]
     places: Literal["by-arrival", "drawn"]
+    places_key: WebSeed | None
+    """Key by which places are drawn, the same in all browsers. Null where they are not drawn."""
     rounds: tuple[Positive, Annotated[int, Field(ge=1, le=2**53)]]
     """After how many places arrangements and keys are balanced, and the scenes as well."""
     max_attempts: Few
@@ -144,49 +151,79 @@ class WebDesign(Model):
     adaptive: WebAdaptive | None
 
 
-def web_design(study: StudyProtocol) -> WebDesign:
-    """Return the design of a study as data.
+def web_design(study: StudyProtocol, names: Mapping[str, str] | None = None) -> WebDesign:
+    """Return the design of a study as data, which tells participants no more than the page needs.
+
+    Scenes and tracks are numbers.
 
     Parameters
     ----------
     study : StudyProtocol
-        Checked. Its secret is not needed, and is no part of the result.
+        Checked. Its secret, which drawn places need, is no part of the result.
+    names : mapping, optional
+        Names of stimuli in the export, by those in the manifest. Left out: the latter.
 
     Raises
     ------
     StudyError
-        If a rule chooses the trials that a browser cannot follow, naming it.
+        If a rule chooses the trials that a browser cannot follow, naming it; or the study refuses
+        codes that browsers draw; or places are drawn, and the secret is not here.
     """
+    check_codes(study)
     design, task, pool = study.design, study.task, study.pool
     texts = study.text.languages[study.text.default_language]
     practice = design.practice
-    adaptive = _adaptive(study)
+    scenes = dict.fromkeys((*pool.scenes, *(practice.scenes if practice else ())))
+    named = _Names(names or {}, {scene: str(number) for number, scene in enumerate(scenes)})
+    adaptive = _adaptive(study, named)
     column = adaptive_column(study)
     return WebDesign(
         answers=task.answers(),
-        scenes=pool.scenes,
+        scenes=tuple(named.scenes[scene] for scene in pool.scenes),
         repeats=design.repeats,
         blocks=design.blocks,
         scene_order=design.scene_order,
         side=design.side,
         places=design.places,
+        places_key=study.places_key,
         rounds=rounds(study),
         max_attempts=design.max_attempts,
         consent_required=study.privacy.consent_required,
         questions=tuple(question.name for question in texts.questions),
-        cells=() if adaptive else _cells(task.cells(pool)),
+        cells=() if adaptive else named.cells(task.cells(pool)),
         catch_trials=task.catch_trials,
-        catch_cells=_cells(task.catch_cells(pool)) if task.catch_trials else (),
+        catch_cells=named.cells(task.catch_cells(pool)) if task.catch_trials else (),
         practice=WebPractice(
             trials=practice.trials,
             rounds=practice.rounds,
             criterion_share=practice.criterion_share,
-            cells=_cells(study.practice_cells(), column),
+            cells=named.cells(study.practice_cells(), column, judged=practice.judged),
         )
         if practice
         else None,
         adaptive=adaptive,
     )
+
+
+def check_codes(study: StudyProtocol) -> None:
+    """Refuse a study whose pattern of participant codes refuses those that browsers draw.
+
+    Raises
+    ------
+    StudyError
+        With a pattern that takes both.
+    """
+    chance, marks = Chance("codes"), string.digits + string.ascii_lowercase
+    drawn = ["w" + "".join(marks[chance.below(36)] for _ in range(14)) for _ in range(30)]
+    wrong = [code for code in drawn if not study.privacy.accepts(code)]
+    if wrong:
+        pattern = study.privacy.code_pattern
+        cure = json.dumps(f"{DRAWN_CODES}|{pattern}", ensure_ascii=False)
+        raise StudyError(
+            "privacy.code_pattern: must match the codes that browsers draw, w and 14 digits and"
+            f" small letters (got {pattern!r}, which does not match {wrong[0]}); write"
+            f" code_pattern = {cure}"
+        )
 
 
 def adaptive_column(study: StudyProtocol) -> str | None:
@@ -195,7 +232,7 @@ def adaptive_column(study: StudyProtocol) -> str | None:
     return rule.column if isinstance(rule, AdaptiveLevels) else None
 
 
-def _adaptive(study: StudyProtocol) -> WebAdaptive | None:
+def _adaptive(study: StudyProtocol, named: _Names) -> WebAdaptive | None:
     rule, task, pool = study.task.adaptation, study.task, study.pool
     if rule is None:
         return None
@@ -209,11 +246,14 @@ def _adaptive(study: StudyProtocol) -> WebAdaptive | None:
     for cell in task.cells(pool):
         for arrangement in cell.arrangements:
             name = rule.track_of(arrangement.condition)
-            options.setdefault(name, []).append(_arrangement(arrangement, rule.column))
+            options.setdefault(name, []).append(
+                named.arrangement(arrangement, rule.column, judged=True)
+            )
     return WebAdaptive(
         trials=rule.trials,
         tracks=tuple(
-            WebTrack(name=name, options=tuple(options[name])) for name in rule.tracks(task, pool)
+            WebTrack(name=str(number), options=tuple(options[name]))
+            for number, name in enumerate(rule.tracks(task, pool))
         ),
         rule=_quest_plus(rule, levels)
         if isinstance(rule, QuestPlusLevels)
@@ -238,26 +278,43 @@ def _quest_plus(rule: QuestPlusLevels, levels: tuple[float, ...]) -> QuestPlusRu
     )
 
 
-def _cells(cells: Iterable[base.Cell], column: str | None = None) -> tuple[WebCell, ...]:
-    return tuple(
-        WebCell(
-            scene=cell.scene,
-            parity=cell.parity,
-            arrangements=tuple(_arrangement(one, column) for one in cell.arrangements),
+@dataclass(frozen=True)
+class _Names:
+    """Names of stimuli and scenes in a design for browsers, by those of the study."""
+
+    stimuli: Mapping[str, str]
+    scenes: Mapping[str, str]
+
+    def cells(
+        self, cells: Iterable[base.Cell], column: str | None = None, *, judged: bool = False
+    ) -> tuple[WebCell, ...]:
+        """Return conditions; with their right answers only where the page judges by them."""
+        return tuple(
+            WebCell(
+                scene=self.scenes.get(cell.scene, ""),
+                parity=cell.parity,
+                arrangements=tuple(
+                    self.arrangement(one, column, judged=judged) for one in cell.arrangements
+                ),
+            )
+            for cell in cells
         )
-        for cell in cells
-    )
+
+    def arrangement(
+        self, given: base.Arrangement, column: str | None, *, judged: bool
+    ) -> WebArrangement:
+        """Return one way to show a condition."""
+        level = given.condition.get(column) if column else None
+        return WebArrangement(
+            stimuli=tuple(self.stimuli.get(name, name) for name in given.stimuli),
+            correct=given.correct if judged else None,
+            level=None if level is None else float(level),
+        )
 
 
-def _arrangement(given: base.Arrangement, column: str | None) -> WebArrangement:
-    level = given.condition.get(column) if column else None
-    return WebArrangement(
-        stimuli=given.stimuli,
-        correct=given.correct,
-        level=None if level is None else float(level),
-    )
-
-
+DRAWN_CODES = "w[0-9a-z]{14}"
+"""Codes that browsers draw, as a regular expression."""
+STUDY_FILE = "study.json"
 MB = 1_000_000
 BUDGET_MB = 300.0
 """Largest size of what one participant has to fetch, in MB, unless an option says more."""
@@ -376,7 +433,7 @@ class WebStudy(Model):
     quit_keys: Keys
     stimulus_px: PixelSize
     stimuli: dict[str, Pack]
-    """Stimuli by their names in the manifest."""
+    """Stimuli by names that tell nothing."""
     pictures: dict[Sha256, PictureFile]
     """Pictures by the hash of what they show."""
     decoded_bytes: Count
@@ -407,14 +464,20 @@ def rates_of(study: StudyProtocol, display: Display) -> dict[float, list[str]]:
 
     def problems(rate: float) -> list[str]:
         found = [str(p) for p in timing_problems(study, display.at_rate(rate, tolerance_s))]
-        times = stated_times_s(study).values()
-        wanted_s = max(abs(round(stated_s * rate) / rate - stated_s) for stated_s in times)
-        wanted_s = math.ceil(1e4 * wanted_s) / 1e4
-        if found and not timing_problems(study, display.at_rate(rate, wanted_s)):
+        wanted_s = tolerance_for_s(study, display, rate) if found else None
+        if wanted_s is not None:
             found[0] += f"; or declare web.tolerance_s = {wanted_s:g}"
         return found
 
     return {rate: problems(rate) for rate in sorted({*RATES_HZ, display.refresh_hz})}
+
+
+def tolerance_for_s(study: StudyProtocol, display: Display, rate_hz: float) -> float | None:
+    """Return the tolerance, in steps of 0.1 ms, that a refresh rate needs; None if none helps."""
+    times = stated_times_s(study).values()
+    wanted_s = max(abs(round(stated_s * rate_hz) / rate_hz - stated_s) for stated_s in times)
+    wanted_s = math.ceil(1e4 * wanted_s) / 1e4
+    return None if timing_problems(study, display.at_rate(rate_hz, wanted_s)) else wanted_s
 
 
 def deviations_s(study: StudyProtocol, display: Display) -> dict[str, float]:

@@ -81,6 +81,7 @@ class StudyProtocol(ExtendedModel):
     """Settings for a browser. Default: at the desk only."""
     _secret: str | None = PrivateAttr(default=None)
     _order_seed: int | None = PrivateAttr(default=None)
+    _place_seed: int | None = PrivateAttr(default=None)
     _gone: dict[str, object] = PrivateAttr(default_factory=dict)
 
     @model_validator(mode="after")
@@ -126,13 +127,35 @@ class StudyProtocol(ExtendedModel):
             return self._order_seed
         if self.privacy.secret_sha256 is None:
             return self.design.seed
+        return int(sha256_bytes(f"{self._known_secret}:{self.design.seed}".encode())[:15], 16)
+
+    @property
+    def place_seed(self) -> int:
+        """Seed of places in the counterbalancing: the order's, or the export's key."""
+        return self.order_seed if self._place_seed is None else self._place_seed
+
+    @property
+    def places_key(self) -> int | None:
+        """Key by which all browsers of a study draw places; None where places are not drawn.
+
+        Every export holds it: a hash, so that it tells neither the secret nor the order at the
+        desk. `StudyError` as `order_seed` says.
+        """
+        if self.design.places != "drawn":
+            return None
+        secret = "" if self.privacy.secret_sha256 is None else self._known_secret
+        label = f"places in browsers:{self.study.name}:{secret}"
+        return int(sha256_bytes(label.encode())[:14], 16) >> 3  # 53 bits
+
+    @property
+    def _known_secret(self) -> str:
         if self._secret is None:
             raise StudyError(
                 "privacy.secret_sha256: the study's secret must lie beside the study file, as"
                 " NAME.secret (it does not): without it, the order of trials is not known. Copy it"
                 " from the lab's folder; it cannot be made again"
             )
-        return int(sha256_bytes(f"{self._secret}:{self.design.seed}".encode())[:15], 16)
+        return self._secret
 
     def with_secret(self, secret: str) -> StudyProtocol:
         """Return the same study with its secret at hand."""
@@ -142,9 +165,12 @@ class StudyProtocol(ExtendedModel):
         """Return the same study with what its removed keys said, by dotted place."""
         return self._beside("_gone", said)
 
-    def ordered_by(self, seed: int) -> StudyProtocol:
-        """Return the same study with this seed of the order, as one participant drew it."""
-        return self._beside("_order_seed", seed)
+    def ordered_by(self, seed: int, places_key: int | None = None) -> StudyProtocol:
+        """Return the same study with the seed of the order that one participant drew.
+
+        Places in the counterbalancing follow from the export's key; left out: from the seed, too.
+        """
+        return self._beside("_order_seed", seed)._beside("_place_seed", places_key)
 
     def _beside(self, name: str, value: object) -> StudyProtocol:
         copy = self.model_copy()

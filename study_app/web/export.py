@@ -6,7 +6,9 @@ The same study, stimuli and revision give the same bytes. The study's secret sta
 from __future__ import annotations
 
 import io
+import math
 import shutil
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +22,7 @@ from protocols.browser.web_study import (
     BUDGET_MB,
     DECODED_MB,
     MB,
+    STUDY_FILE,
     Pack,
     PictureFile,
     RefreshRate,
@@ -49,7 +52,7 @@ from protocols.study_file.session_schema import consent_text, filled_text
 from study_app.clips import check_files, frame_bytes
 from study_app.paint import Bitmaps, PixelBytes, bitmaps_of, drawn
 
-STUDY_FILE, PACKS, PICTURES = "study.json", "packs", "pictures"
+PACKS, PICTURES = "packs", "pictures"
 _COLOUR_CHUNKS = ("cHRM", "cICP", "gAMA", "iCCP", "sRGB")
 _SLOTS_LOOKED_AT = 8
 """Plans differ in order, and rarely in what they show: so many say how much that is."""
@@ -123,21 +126,36 @@ class WebBuild:
         of = {picture_name(p.of): p.of for s in self._all_scripts() for p in s.pictures()}
         return {name: cut_out(one, bitmaps) for name, one in sorted(of.items())}
 
-    @cached_property
-    def window_px(self) -> PixelSize:
-        """Smallest part of the screen, about its middle, that shows all of a trial."""
-        reach_x = reach_y = 1
+    def window_px(self, share: float = 1.0) -> PixelSize:
+        """Return the smallest part of the screen, about its middle, that shows all of a trial.
+
+        Parameters
+        ----------
+        share : float
+            Share of their size that stimuli have, about their own middle.
+        """
+        reach_x = reach_y = 1.0
         for script in self._all_scripts():
-            for left, top, width, height in self._rects(script):
+            for left, top, width, height in self._rects(script, share):
                 reach_x = max(reach_x, -left, left + width)
                 reach_y = max(reach_y, -top, top + height)
-        return 2 * reach_x, 2 * reach_y
+        return 2 * math.ceil(reach_x), 2 * math.ceil(reach_y)
 
     @cached_property
     def stimuli(self) -> list[Clip]:
         """The stimuli that some participant may see, in the manifest's order."""
         shown = set(self.shown.shown())
         return [clip for clip in self.manifest.clips if clip.name in shown]
+
+    @cached_property
+    def names(self) -> dict[str, str]:
+        """Name of each stimulus in the export: a hash of its frames, which tells no condition."""
+        met = Counter[str]()  # equal frames may be shown as two conditions
+        found = {}
+        for clip in self.stimuli:
+            met[clip.sha256] += 1
+            found[clip.name] = sha256_json([clip.sha256, met[clip.sha256]])[:16]
+        return found
 
     def needs(self, frame_bytes: Mapping[str, int] | None = None) -> BrowserNeeds:
         """Return the study's needs of a browser.
@@ -173,7 +191,7 @@ class WebBuild:
             sum(sizes[name] for name in seen),
             of_trial,
             session_duration_s(self.shown, trials),
-            self.window_px,
+            self.window_px(),
         )
 
     def write(
@@ -208,7 +226,7 @@ class WebBuild:
         check_manifest(self.study, self.manifest)
         require_feasible(self.shown, self.display, self.manifest)
         check_files(stimuli, self.manifest)
-        design = web_design(self.shown)
+        design = web_design(self.shown, self.names)
         sizes = {
             clip.name: sum(
                 (stimuli / clip.frame_path(index)).stat().st_size
@@ -220,7 +238,12 @@ class WebBuild:
         check_budget(needs, self, budget_mb, decoded_mb)
         with whole_folder(out, replace=True, reads=[stimuli]) as work:
             (work / PACKS).mkdir()
-            packs = {clip.name: write_pack(stimuli, clip, work / PACKS) for clip in self.stimuli}
+            packs = {
+                self.names[clip.name]: write_pack(
+                    stimuli, clip, work / PACKS / f"{self.names[clip.name]}.pack"
+                )
+                for clip in self.stimuli
+            }
             pictures = self._write_pictures(work / PICTURES)
             written = self._study_file(design, needs, packs, pictures)
             for asset in sorted(files("study_app").joinpath("web/assets").iterdir(), key=str):
@@ -257,7 +280,7 @@ class WebBuild:
             pause_keys=self.study.response.pause_keys,
             quit_keys=self.study.response.quit_keys,
             stimulus_px=self._any_script.stimulus_px,
-            stimuli=packs,
+            stimuli=dict(sorted(packs.items())),
             pictures=pictures,
             decoded_bytes=needs.decoded_bytes,
             **self.shown.web.model_dump(include={"identifier", "completion_url", "completion_code"})
@@ -300,11 +323,16 @@ class WebBuild:
         tolerance_s = self.study.web.tolerance_s if self.study.web else 0.0
         return self.display.at_rate(refresh_hz, tolerance_s)
 
-    def _rects(self, script: TrialScript) -> Iterator[tuple[int, int, int, int]]:
+    def _rects(
+        self, script: TrialScript, share: float
+    ) -> Iterator[tuple[float, float, float, float]]:
         for phase in script.phases:
             for entry in phase.show:
                 if isinstance(entry, Frames):
-                    yield (*entry.at, *(entry.crop or (0, 0, *script.stimulus_px))[2:])
+                    left, top = entry.at
+                    width, height = (entry.crop or (0, 0, *script.stimulus_px))[2:]
+                    cut = (1 - share) / 2
+                    yield left + cut * width, top + cut * height, share * width, share * height
         for picture in script.pictures():
             pixels, (right, down) = self.pictures[picture_name(picture.of)]
             yield picture.at[0] + right, picture.at[1] + down, pixels.shape[1], pixels.shape[0]
@@ -390,8 +418,8 @@ def cut_out(of: Drawn, bitmaps: Bitmaps) -> tuple[PixelBytes, Place]:
     return pixels[top : rows[-1] + 1, left : columns[-1] + 1], (left, top)
 
 
-def write_pack(stimuli: Path, clip: Clip, folder: Path) -> Pack:
-    """Write the frames of a stimulus one after the other, as they are.
+def write_pack(stimuli: Path, clip: Clip, path: Path) -> Pack:
+    """Write the frames of a stimulus into a file, one after the other, as they are.
 
     Raises
     ------
@@ -399,7 +427,7 @@ def write_pack(stimuli: Path, clip: Clip, folder: Path) -> Pack:
         If a frame is not the one that was hashed, or asks a browser for other colours.
     """
     end, ends = 0, []
-    with (folder / f"{clip.name}.pack").open("wb") as pack:
+    with path.open("wb") as pack:
         for index in range(len(clip.frames_sha256)):
             data = frame_bytes(stimuli, clip, index)
             if chunks := colour_chunks(data):
@@ -412,7 +440,7 @@ def write_pack(stimuli: Path, clip: Clip, folder: Path) -> Pack:
             pack.write(data)
             end += len(data)
             ends.append(end)
-    return Pack(file=f"{clip.name}.pack", bytes=end, sha256=clip.frames_sha256, ends=tuple(ends))
+    return Pack(file=path.name, bytes=end, sha256=clip.frames_sha256, ends=tuple(ends))
 
 
 def colour_chunks(png: bytes) -> list[str]:

@@ -258,11 +258,18 @@ class RebuiltSession:
                     f"the {what} must be the one that was exported (hash {then[:12]}, got"
                     f" {now[:12]}); import with that one"
                 )
+        key = begun.places_key
+        if key is not None and key != study.places_key:
+            raise ContradictionError(
+                f"places_key must be the export's, as in its study.json (got {key}): the line was"
+                " changed, or is of another export"
+            )
         tolerance_s = study.web.tolerance_s if study.web else 0.0
         self.begun, self.lines, self.manifest = begun, lines, manifest
-        self.study = study.in_a_browser().ordered_by(begun.seed)
+        self.study = study.in_a_browser().ordered_by(begun.seed, key)
         self.display = display.at_rate(begun.rate_hz, tolerance_s)
-        self.plan = make_plan(study.ordered_by(begun.seed), manifest, begun.participant, begun.slot)
+        ordered = study.ordered_by(begun.seed, key)
+        self.plan = make_plan(ordered, manifest, begun.participant, begun.slot)
         self.scripts = Scripts(self.study, self.display, begun.language, manifest)
         self.line: AnyLine = begun
         self._now_s = 0.0

@@ -70,6 +70,7 @@ class BuiltWebStudy:
         """
         begun = {
             "participant": participant, "slot": slot, "slot_from": "drawn", "seed": 77 + luck,
+            "places_key": self.exported["design"]["places_key"],
             "language": self.study.text.default_language, "rate_hz": rate_hz, "identifier": None,
         }  # fmt: skip
         return kernel.ask(

@@ -43,7 +43,7 @@ def exported(lab):
 
 def test_an_export_says_what_it_takes_and_gives_a_link_for_everybody(exported):
     said, out = exported
-    assert "in a browser: at 50, 60, 72, 75, 90, 100, 120, 144, 165, 240 Hz" in said
+    assert " px, at 50, 60, 72, 75, 90, 100, 120, 144, 165 or 240 Hz" in said
     assert "per participant: " in said
     assert [line for line in said.splitlines() if "?slot=" in line] == [
         f"  index.html?slot={slot}" for slot in range(3)
@@ -167,7 +167,7 @@ def test_times_that_need_more_tolerance_are_refused_at_that_rate(lab, tmp_path):
     text = (lab / "study.toml").read_text().replace("tolerance_s = 0.01", "tolerance_s = 0.0")
     (tmp_path / "exact.toml").write_text(text.replace("iti_s = 0.1", "iti_s = 0.15"))
     done = metamerlab("protocol", "check", tmp_path / "exact.toml", "--web", status=None)
-    assert "in a browser: at 60, 100, 120, 240 Hz" in done.output
+    assert " px, at 60, 100, 120 or 240 Hz" in done.output
     assert "not at 72 Hz: trial.fixation_s: must be whole refreshes at 72 Hz" in done.output
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from protocols.browser.web_study import BUDGET_MB, DECODED_MB, MB
+from protocols.browser.web_study import BUDGET_MB, DECODED_MB, MB, STUDY_FILE
 from protocols.disk.hashing import sha256_file
 from protocols.disk.result_folder import without_links
 from protocols.display import Display
@@ -23,7 +23,7 @@ from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgume
 from study_app.cli.terminal import PlainConsole, say, say_notes
 
 if TYPE_CHECKING:  # pictures and fonts load where a study is looked at
-    from study_app.web.export import BrowserNeeds
+    from study_app.web.export import BrowserNeeds, WebBuild
 
 BudgetOption = Annotated[
     float, typer.Option(min=1, max=1e6, help="Most that one participant may have to fetch, in MB.")
@@ -73,7 +73,7 @@ def export_web(
         )
     build = WebBuild(study, screen, read_manifest(stimuli))
     needs = build.write(stimuli, out, budget_mb=budget_mb, decoded_mb=decoded_mb)
-    for line in needs_lines(needs):
+    for line in needs_lines(build, needs):
         say(line)
     if jatos is not None:
         from study_app.web import jzip
@@ -158,20 +158,20 @@ def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) 
     from study_app.web.export import WebBuild, check_budget
 
     build = WebBuild(study, screen, manifest or virtual_manifest(study, screen))
-    web_design(study.in_a_browser())
+    web_design(study.in_a_browser().in_any_order())
     needs = build.needs()
-    yield from needs_lines(needs)
+    yield from needs_lines(build, needs)
     if study.gaze.mode != "none":
         yield f"dropped in a browser: gaze is not watched there (gaze.mode = {study.gaze.mode!r})"
     yield "dropped in a browser: gamma and luminance of the screen, viewing distance, photodiode"
     check_budget(needs, build)
 
 
-def needs_lines(needs: BrowserNeeds) -> Iterator[str]:
-    """Yield the study's needs of a browser, in sentences."""
-    width, height = needs.window_px
-    rates = ", ".join(f"{rate:g}" for rate in needs.rates_hz)
-    yield f"in a browser: at {rates} Hz, in a window of at least {width} x {height} px"
+def needs_lines(build: WebBuild, needs: BrowserNeeds) -> Iterator[str]:
+    """Yield the study's needs of a browser, and what participants can read of it, in sentences."""
+    from study_app.web.screens import screen_lines
+
+    yield from screen_lines(build, needs)
     for rate, wrong in needs.rates.items():
         if wrong:
             yield f"not at {rate:g} Hz: {wrong[0]}"
@@ -180,3 +180,10 @@ def needs_lines(needs: BrowserNeeds) -> Iterator[str]:
         f"per participant: {needs.fetched_bytes / MB:.1f} MB ({seconds:.0f} s at 20 Mbit/s),"
         f" {needs.decoded_bytes / MB:.0f} MB in memory, {needs.duration_s / 60:.0f} min"
     )
+    web = build.study.web
+    for key in ("completion_code", "completion_url"):
+        if web is not None and getattr(web, key) is not None:
+            yield (
+                f"web.{key} is public: every participant can read it in {STUDY_FILE} before the"
+                " end; pay by 'session list', or have JATOS lead on at the end (End Redirect URL)"
+            )

@@ -192,7 +192,8 @@ async function drawn(
   const seed = (a % 2 ** 21) * 2 ** 32 + b;
   const identifier = study.identifier === null ? null : link.get(study.identifier)?.slice(0, 200);
   const named = /^\d{1,9}$/.exec(link.get("slot") ?? "");
-  const of = { participant: `w${code}`, seed, language, rate_hz, identifier: identifier ?? null };
+  const { places_key } = study.design;
+  const of = { participant: `w${code}`, seed, places_key, language, rate_hz, identifier: identifier ?? null };
   if (named) return { ...of, slot: Number(named[0]), slot_from: "link" };
   if (jatos) return { ...of, slot: await nextSlot(jatos), slot_from: "batch" };
   return { ...of, slot: e % SLOTS, slot_from: "drawn" };

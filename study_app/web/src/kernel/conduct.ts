@@ -85,8 +85,8 @@ class Conductor {
     private readonly stage: Stage,
     private readonly hash: (text: string) => Promise<string>,
   ) {
-    const { seed, participant, slot, language } = lines.begun;
-    this.plan = makePlan(study.design, { seed, participant, slot });
+    const { language } = lines.begun;
+    this.plan = makePlan(study.design, lines.begun);
     const pages = study.pages[language];
     if (!pages) throw new Error(`the study has no texts in ${language}`);
     this.pages = pages;

@@ -22,7 +22,7 @@ export interface WebStudy {
   readonly rates: readonly RefreshRate[];
   /** Version and git revision of metamerlab. */ readonly revision: string;
   /** Size of the screen that the study was made for: a click answers by its share of the width. */ readonly screen_px: readonly [number, number];
-  /** Stimuli by their names in the manifest. */ readonly stimuli: Readonly<Record<string, Pack>>;
+  /** Stimuli by names that tell nothing. */ readonly stimuli: Readonly<Record<string, Pack>>;
   readonly stimulus_px: readonly [number, number];
   readonly study: string;
   readonly title: string;
@@ -119,9 +119,9 @@ export interface WebAdaptive {
 
 /** One way to show a condition. */
 export interface WebArrangement {
-  /** The right answer. Null where there is none. */ readonly correct: string | null;
+  /** The right answer. Null where there is none, or the page can do without. */ readonly correct: string | null;
   /** Value in the column that an adaptive rule chooses. Null where there is none. */ readonly level: number | null;
-  /** Names in the manifest, as the task counts them. */ readonly stimuli: readonly string[];
+  /** Names among the study's stimuli, as the task counts them. */ readonly stimuli: readonly string[];
 }
 
 /** One condition of the design. Its arrangements take turns over repeats and places. */
@@ -142,12 +142,13 @@ export interface WebDesign {
   readonly consent_required: boolean;
   readonly max_attempts: number;
   readonly places: "by-arrival" | "drawn";
+  /** Key by which places are drawn, the same in all browsers. Null where they are not drawn. */ readonly places_key: number | null;
   readonly practice: WebPractice | null;
   /** The closing questions, which are the same in every language. */ readonly questions: readonly string[];
   readonly repeats: number;
   /** After how many places arrangements and keys are balanced, and the scenes as well. */ readonly rounds: readonly [number, number];
   readonly scene_order: "random" | "balanced";
-  /** Scenes of the main trials. One empty name where the stimuli tell none. */ readonly scenes: readonly string[];
+  /** Scenes of the main trials, which are told apart and not named. */ readonly scenes: readonly string[];
   readonly side: "by-participant" | "by-trial" | "fixed";
 }
 
@@ -312,10 +313,11 @@ export interface StartLine extends Sent {
   readonly language: string;
   readonly machine: Machine;
   readonly manifest_sha256: string;
+  /** Key of the export, by which the slot's place in the counterbalancing is drawn. Null: places are not drawn, or by the seed, as in exports of older versions. */ readonly places_key: number | null;
   readonly protocol_sha256: string;
   /** Refresh rate that is used, of those of the study. */ readonly rate_hz: number;
   /** Revision of metamerlab, which made the export. */ readonly revision: string;
-  readonly seed: number;
+  /** Drawn by the browser. */ readonly seed: number;
   readonly slot: number;
   readonly slot_from: "link" | "batch" | "drawn";
   /** Hash of the export's `study.json`. */ readonly study_file_sha256: string;

@@ -5,7 +5,7 @@ import type { SessionEvent } from "./session";
 /** Participant of a session, and the source of its numbers. */
 export type Begun = Pick<
   StartLine,
-  "participant" | "slot" | "slot_from" | "seed" | "language" | "rate_hz" | "identifier"
+  "participant" | "slot" | "slot_from" | "seed" | "places_key" | "language" | "rate_hz" | "identifier"
 >;
 
 type Without<L, K extends keyof L> = L extends unknown ? Omit<L, K> : never;

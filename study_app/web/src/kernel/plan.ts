@@ -27,6 +27,8 @@ export interface Person {
   readonly seed: number;
   readonly participant: string;
   readonly slot: number;
+  /** The export's key of the places. Left out by exports of older versions, which draw by the seed. */
+  readonly places_key?: number | null | undefined;
 }
 
 export interface Plan extends Person {
@@ -41,7 +43,7 @@ export function shown(trial: { readonly stimuli: readonly string[] }): string {
 export function makePlan(design: WebDesign, person: Person): Plan {
   const { seed, participant, slot } = person;
   const chance = new Chance(seed, participant, slot, "plan");
-  const place = placeOf(design, seed, slot);
+  const place = placeOf(design, person.places_key ?? seed, slot);
   const main = mainTrials(design, place, chance);
   const blocks = new Map<number, PlannedTrial[]>([[0, practiceTrials(design, place, chance)]]);
   for (let number = 1; number <= design.blocks; number++) blocks.set(number, []);

@@ -1,0 +1,66 @@
+"""Screens that can take part in a study in browsers, and the one change that would admit most."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from protocols.browser.web_study import tolerance_for_s
+from protocols.script import PixelSize
+from study_app.web.export import BrowserNeeds, WebBuild
+
+SIZES_PX = (
+    (1280, 720), (1280, 800), (1366, 768), (1440, 900), (1600, 900), (1680, 1050), (1920, 1080),
+    (1920, 1200), (2560, 1440), (2560, 1600), (2880, 1800), (3840, 2160),
+)  # fmt: skip
+"""Common sizes of participants' screens."""
+_SHARES = tuple(number / 20 for number in range(19, 9, -1))
+"""Sizes of smaller stimuli that are tried, as shares of an edge."""
+
+
+def screen_lines(build: WebBuild, needs: BrowserNeeds) -> Iterator[str]:
+    """Yield which screens can take part, and the one change that admits most further kinds.
+
+    Kinds are all common sizes at all common refresh rates.
+    """
+    width, height = needs.window_px
+    yield f"on screens of at least {width} x {height} px, at {_listed(needs.rates_hz)} Hz"
+    changes = [*_tolerances(build, needs), *_smaller_stimuli(build, needs)]
+    kinds, said = max(changes, key=lambda change: change[0], default=(0, ""))
+    if kinds:
+        yield f"one change would admit {kinds} more kinds of common screens: {said}"
+
+
+def _tolerances(build: WebBuild, needs: BrowserNeeds) -> Iterator[tuple[int, str]]:
+    wanted_s = {
+        rate: tolerance_s
+        for rate, problems in needs.rates.items()
+        if problems
+        and (tolerance_s := tolerance_for_s(build.shown, build.display, rate)) is not None
+    }
+    for most_s in sorted(set(wanted_s.values())):
+        rates = [rate for rate, tolerance_s in wanted_s.items() if tolerance_s <= most_s]
+        kinds = len(rates) * len(_admitted(needs.window_px))
+        yield kinds, f"web.tolerance_s = {most_s:g} admits {_listed(rates)} Hz, too"
+
+
+def _smaller_stimuli(build: WebBuild, needs: BrowserNeeds) -> Iterator[tuple[int, str]]:
+    clip, there = build.stimuli[0], _admitted(needs.window_px)
+    for share in _SHARES:
+        more = [size for size in _admitted(build.window_px(share)) if size not in there]
+        if more:
+            width, height = (2 * int(share * edge / 2) for edge in (clip.width_px, clip.height_px))
+            least = " x ".join(map(str, more[0]))
+            yield (
+                len(more) * len(needs.rates_hz),
+                f"stimuli of {width} x {height} px instead of {clip.width_px} x {clip.height_px}"
+                f" admit screens of {least} px, too",
+            )
+
+
+def _admitted(window_px: PixelSize) -> list[PixelSize]:
+    return [size for size in SIZES_PX if size[0] >= window_px[0] and size[1] >= window_px[1]]
+
+
+def _listed(rates: Sequence[float]) -> str:
+    *first, last = (f"{rate:g}" for rate in rates)
+    return f"{', '.join(first)} or {last}" if first else last
