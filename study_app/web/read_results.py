@@ -39,8 +39,8 @@ _LONGEST = 1 << 24
 _BLANK = "\ufeff\0 \t\r\n\v\f"
 _GOES_ON = "trailing characters"
 _EXPORTED = (
-    "{}: must be results that browsers sent (this is the exported study); name what JATOS exports as"
-    " results, or the files that participants saved"
+    "{}: must be results that browsers sent (this is the exported study); name what JATOS exports"
+    " as results, or the files that participants saved"
 )
 _ARCHIVES = (".zip", ".jrzip", ".gz", ".tar", ".7z", ".rar")
 
