@@ -52,8 +52,6 @@ INSTEAD: Mapping[str, str] = {
     " (docs/web.md, step 5)",
     "session verify --identity": "decrypt the archive by 'age --decrypt --identity key.txt --output"
     " backup.zip backup.zip.age', unzip it, and verify its folder sessions",
-    "stimuli build --scheduler": "build on one machine, which uses all its cores (--workers), and"
-    " copy the folder of clips",
     "stimuli look --interactive": "draw the best views by 'metamerlab stimuli look SCENE --out"
     " views.png', and edit the numbers of one with --view",
     "stimuli probe": "use 'metamerlab stimuli check CLIPS --flicker'",

@@ -121,7 +121,9 @@ def test_the_wheel_carries_the_licence_and_asks_for_the_right_python(wheel):
     assert fields["Name"] == "metamerlab"
     assert fields["Requires-Python"] == ">=3.11"
     assert fields["License-File"] == "LICENSE"
-    assert {"metrics", "metamers", "lsl", "onnx", "dev"} <= set(fields.get_all("Provides-Extra"))
+    assert {"metrics", "metamers", "lsl", "dask", "onnx", "dev"} <= set(
+        fields.get_all("Provides-Extra")
+    )
 
 
 def test_the_wheel_knows_its_revision(wheel, repository, tmp_path):

@@ -42,7 +42,7 @@ def build(
     Parameters
     ----------
     executor : Executor
-        Of local processes; `parallel` is how many jobs it runs at once.
+        Of local processes or a Dask cluster; `parallel` is how many jobs it runs at once.
 
     Raises
     ------

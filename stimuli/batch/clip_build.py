@@ -46,7 +46,7 @@ class ClipBuild(Generic[N]):
     Parameters
     ----------
     executor : Executor
-        Of threads or local processes; `places` is how many jobs it is given at
+        Of threads, local processes or a Dask cluster; `places` is how many jobs it is given at
         once.
     names : sequence
         The clips, in the order of the study; ``str`` gives the name of a clip's folder.

@@ -1,4 +1,8 @@
-"""Jobs of a worker process: surveys, clips and previews, one at a time, with one GL context."""
+"""Jobs of a worker process: surveys, clips and previews, one at a time, with one GL context.
+
+The same functions run in local processes and on a Dask cluster; folders lie on a disk that
+all of them see.
+"""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,14 @@ __all__ = ["BuildEstimate", "BuildMachine", "BuildOutcome", "Builder", "Report"]
 
 @dataclass(frozen=True)
 class BuildMachine:
-    """Machine that does the work: this one."""
+    """Machine that does the work."""
 
     workers: int | None = None
     """Processes or threads here; None: one per core."""
+    scheduler: str | None = None
+    """Address of a Dask cluster in their place."""
+    tls: Mapping[str, str] = field(default_factory=dict)
+    """Its certificates, as `stimuli.batch.executors.dask_cluster` takes them."""
 
 
 class Builder:

@@ -1,7 +1,7 @@
 """Shows pictures to a gaze, with rings or a cut drawn in: the recipe `foveated-images`.
 
 By itself it works in one process, where a GPU, or the threads of a software renderer, do the most;
-with several workers in processes of its own. `foveated_work` is what is done.
+with several workers in processes of its own, or on a cluster. `foveated_work` is what is done.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from protocols.recipes.foveated_images import (
 )
 from protocols.study_file.schema import StudyProtocol
 from stimuli.batch.estimate import free_bytes
-from stimuli.batch.executors import local_processes
+from stimuli.batch.executors import dask_cluster, local_processes
 from stimuli.batch.sources import source_sha256
 from stimuli.recipes.base import BuildEstimate, BuildMachine
 from stimuli.recipes.foveated_work import (
@@ -240,8 +240,11 @@ class FoveatedBuilder(SingleStimulusBuilder[FoveatedStimulus]):
 
     @contextmanager
     def executor(self, where: BuildMachine) -> Iterator[tuple[Executor, int]]:
-        """Executor: this process, or several; and how many jobs it takes at once."""
-        if where.workers is not None and where.workers > 1 and len(self.wanted) > 1:
+        """Executor: this process, several, or a cluster; and how many jobs it takes at once."""
+        if where.scheduler is not None:
+            with dask_cluster(where.scheduler, where.tls) as (cluster, workers):
+                yield cluster, workers + 1
+        elif where.workers is not None and where.workers > 1 and len(self.wanted) > 1:
             workers = min(where.workers, len(self.wanted))
             with local_processes(workers) as processes:
                 yield processes, workers + 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from stimuli.scenes.builtin_scenes import scene_entry
 
 
 class WarpedClipBuilder(Builder):
-    """Renders, warps and fills in processes of its own."""
+    """Renders, warps and fills in processes of its own, or on a cluster."""
 
     @cached_property
     def plan(self) -> BuildPlan:
@@ -83,11 +84,15 @@ class WarpedClipBuilder(Builder):
     def build(self, out: Path, where: BuildMachine, report: Report) -> BuildOutcome[ClipName]:
         """Build what is missing of the clips."""
         from stimuli.batch.build import build
-        from stimuli.batch.executors import cores, local_processes
+        from stimuli.batch.executors import cores, dask_cluster, local_processes
 
         self._need_all()
-        parallel = where.workers or min(cores(), len(self.plan.clip_names))
-        with local_processes(parallel) as executor:
+        with ExitStack() as stack:
+            if where.scheduler is not None:
+                executor, parallel = stack.enter_context(dask_cluster(where.scheduler, where.tls))
+            else:
+                parallel = where.workers or min(cores(), len(self.plan.clip_names))
+                executor = stack.enter_context(local_processes(parallel))
             return build(self.plan, out, executor, parallel=parallel, report=report)
 
     def summary(self, outcome: BuildOutcome[ClipName]) -> tuple[Sequence[str], list[Sequence[str]]]:

@@ -15,6 +15,7 @@ from pipeline.errors import InputError
 from protocols.disk.hashing import sha256_bytes
 from protocols.disk.locks import only_build
 from protocols.disk.whole_file import write_whole
+from protocols.errors import StudyError
 from protocols.manifest import Clip
 from protocols.units import Scalar
 from stimuli.batch.batch_folder import BUILD_FOLDER, HOLES_FOLDER, remove_unfinished
@@ -73,7 +74,18 @@ class SingleStimulusBuilder(Builder, Generic[E]):
 
     @contextmanager
     def executor(self, where: BuildMachine) -> Iterator[tuple[Executor, int]]:
-        """Threads of this process, unless a builder says more; and how many jobs they take."""
+        """Executor of the work, and how many jobs it is given at once.
+
+        Raises
+        ------
+        StudyError
+            If a cluster is asked for: threads of this process do it, unless a builder says more.
+        """
+        if where.scheduler is not None:
+            raise StudyError(
+                "--scheduler is for stimuli that are computed; those of this kind are taken in on"
+                " this machine: leave the option out"
+            )
         workers = where.workers or cores()
         with ThreadPoolExecutor(workers) as pool:
             yield pool, workers + 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,14 +23,51 @@ if TYPE_CHECKING:
 GIB = 2**30
 
 
+@dataclass(frozen=True)
+class MachineOptions:
+    """Machines that build."""
+
+    workers: Annotated[int | None, typer.Option(min=1)] = None
+    r"""Processes on this machine. \[default: one per core]"""
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS")] = None
+    """Use the workers of this Dask cluster instead: tcp://HOST:PORT, or tls://HOST:PORT with
+    certificates."""
+    tls_ca_file: Path | None = None
+    """Certificates that --scheduler must be signed by, PEM."""
+    tls_cert: Path | None = None
+    """Certificate that we show to --scheduler, PEM."""
+    tls_key: Path | None = None
+    """Its private key, PEM."""
+
+    def certificates(self) -> dict[str, str]:
+        """Return the files that are given, under the names that `dask_cluster` takes.
+
+        Raises
+        ------
+        StudyError
+            If one is no file, or comes without a cluster.
+        """
+        found = {}
+        for name in ("tls_ca_file", "tls_cert", "tls_key"):
+            path = getattr(self, name)
+            if path is None:
+                continue
+            option = f"--{name.replace('_', '-')}"
+            if self.scheduler is None:
+                raise StudyError(f"{option}: must come with --scheduler tls://HOST:PORT")
+            if not path.is_file():
+                raise StudyError(f"{option}: must be a file, PEM (got {path})")
+            key = name if name == "tls_ca_file" else name.replace("tls_", "tls_client_")
+            found[key] = str(path)
+        return found
+
+
 def build(
     protocol: ProtocolArgument,
     out: Annotated[Path, typer.Option(help="Folder for the clips; made if it is missing.")],
     display: DisplayOption = None,
     *,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help=r"Processes. \[default: one per core]")
-    ] = None,
+    machines: MachineOptions,
     dry_run: Annotated[
         bool, typer.Option(help="Print clips, frames, disk and time; build nothing.")
     ] = False,
@@ -45,6 +83,12 @@ def build(
         metamerlab stimuli build demo --out clips --dry-run
 
         metamerlab stimuli build my-study.toml --out clips --workers 4
+
+        metamerlab stimuli build my-study.toml --out /shared/clips --scheduler tcp://host:8786
+
+    A Dask scheduler listens on every network interface unless 'dask scheduler --host ADDRESS'
+    says otherwise, and runs what anyone sends who reaches it, or has a certificate of its TLS.
+    Start one only in a network that you trust.
     """
     from protocols.load import load_study
     from stimuli.recipes.base import BuildMachine
@@ -52,10 +96,13 @@ def build(
     study, screen = load_study(protocol, display)
     builder, _ = require_buildable(protocol, study, screen)
     say_notes(builder.notes())
+    if machines.scheduler is not None and machines.workers is not None:
+        raise StudyError("--workers and --scheduler exclude each other: the cluster has its own")
+    tls = machines.certificates()
     if dry_run:
-        _print_estimate(builder, out, workers)
+        _print_estimate(builder, out, machines.workers)
         return
-    _build(builder, out, BuildMachine(workers))
+    _build(builder, out, BuildMachine(machines.workers, machines.scheduler, tls))
 
 
 def _print_estimate(builder: Builder, out: Path, workers: int | None) -> None:

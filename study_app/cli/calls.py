@@ -50,7 +50,7 @@ def build(
 
     loaded, screen = load_study(Path(study), display)
     builder, _ = require_buildable(Path(study), loaded, screen)
-    machine = BuildMachine(workers)
+    machine = BuildMachine(workers, None, {})
     return builder.build(Path(out).absolute(), machine, lambda *_: None).manifest
 
 

@@ -425,6 +425,14 @@ def test_the_contact_sheet_shows_every_still_and_no_player(stills):
     assert "noise fine, pattern grating, contrast 0.2" in page
 
 
+def test_a_cluster_is_refused_for_files(stills):
+    done = metamerlab(
+        "stimuli", "build", stills.path, "--out", stills.clips, "--scheduler", "tcp://x:1", status=2
+    )
+    assert "--scheduler is for stimuli that are computed" in " ".join(done.stderr.split())
+    assert not stills.clips.exists()
+
+
 @pytest.mark.slow
 def test_killed_at_any_point_the_same_command_finishes_the_same_batch(
     study, tmp_path, repository, proof_count

@@ -583,6 +583,28 @@ def contents(out) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
+def test_a_cluster_makes_the_same_bytes(folder, study, whole):
+    distributed = pytest.importorskip("distributed")
+    import warnings
+
+    loaded, display = load_study(study)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cluster = distributed.LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=True, dashboard_address=None,
+            silence_logs=50,
+        )  # fmt: skip
+        try:
+            where = BuildMachine(scheduler=cluster.scheduler_address)
+            done = builder_of(loaded, display, folder).build(folder / "far", where, QUIET)
+        finally:
+            cluster.close()
+
+    assert len(done.built) == 16
+    assert contents(folder / "far") == contents(whole)
+
+
+@pytest.mark.slow
 def test_a_build_killed_in_two_processes_goes_on_to_the_same_bytes(
     folder, study, whole, proof_count
 ):

@@ -556,6 +556,45 @@ def test_a_killed_worker_ends_with_a_message(plan, tmp_path, inline_class):
     assert not (tmp_path / "clips/manifest.json").exists()
 
 
+@pytest.mark.slow
+def test_a_dask_cluster_makes_the_same_bytes(plan, batch, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    import warnings
+
+    from stimuli.batch.executors import dask_cluster
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cluster = distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
+            silence_logs=50,
+        )  # fmt: skip
+        try:
+            with dask_cluster(cluster.scheduler_address) as (executor, workers):
+                assert workers == 2
+                build(plan, tmp_path / "clips", executor, parallel=workers)
+        finally:
+            cluster.close()
+    assert contents(tmp_path / "clips") == contents(batch)
+
+
+def test_no_scheduler_at_the_address_is_said():
+    from stimuli.batch.executors import dask_cluster
+
+    pytest.importorskip("distributed")
+    import stimuli.batch.executors
+
+    before, stimuli.batch.executors.CONNECT_S = stimuli.batch.executors.CONNECT_S, 0.3
+    try:
+        with (
+            pytest.raises(StudyError, match="must be the address of a running Dask scheduler"),
+            dask_cluster("tcp://127.0.0.1:9"),
+        ):
+            pass
+    finally:
+        stimuli.batch.executors.CONNECT_S = before
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
