@@ -27,6 +27,17 @@ observer.each = (frames) => {
   else if (attempts === 6) for (let n = 1; n <= 5; n++) clock.drop.add(clock.frame + n);
 };
 """
+# Of the page's Content-Security-Policy; an inline script and a foreign server, which it forbids.
+VIOLATIONS = """
+const violations = (window.violations = []);
+addEventListener("securitypolicyviolation", (event) => violations.push(event.effectiveDirective));
+"""
+FORBIDDEN = """
+const script = document.createElement("script");
+script.text = "window.ran = true";
+document.head.append(script);
+fetch("https://example.org/").catch(() => undefined);
+"""
 TYPED = "<b>edges</b> & \U0001f440"
 DEFAULT = "yes-no with confidence"
 
@@ -42,12 +53,15 @@ def session_of(of: BuiltWebStudy, site: Site, root) -> Journal:
 
 def whole_session(browser: Browser, of: BuiltWebStudy, root) -> None:
     with served(of.out) as site:
-        whole(browser, site, DISTURBED)
+        whole(browser, site, DISTURBED, VIOLATIONS)
+        assert (browser.evaluate("violations"), browser.errors) == ([], [])
+        browser.evaluate(FORBIDDEN)
+        until(browser, "violations.join() === 'script-src-elem,connect-src'")
+        assert browser.evaluate("window.ran") is None
         fetched = "performance.getEntriesByType('resource').map((file) => file.name)"
         assert [name for name in browser.evaluate(fetched) if not name.startswith(site.url)] == []
         assert browser.evaluate("document.cookie") == ""
     assert site.ended == {"done": True}
-    assert browser.errors == []
     journal = session_of(of, site, root)
     attempts = said(site.lines, "attempt")
     assert [(one.trial, one.outcome, one.answer) for one in journal.attempts] == [
@@ -92,14 +106,26 @@ observer.each = () => {
 """
 
 
+# Plugins of jsPsych write styles and pictures into the page.
+STYLED = """
+addEventListener("DOMContentLoaded", () => {
+  const pixel = URL.createObjectURL(new Blob([]));
+  const made = `<style>b { color: red }</style><b style="margin: 1px"><img src="${pixel}"></b>`;
+  document.body.insertAdjacentHTML("beforeend", `<div>${made}</div>`);
+});
+"""
+
+
 @pytest.mark.slow
 def test_a_labs_own_pages_stand_around_a_session_in_jspsych(chromium, case, tmp_path):
     of = case("yes-no")
     with served(of.out) as site:
-        begin(chromium, site, FORMS, page="lab.html?slot=3")
+        begin(chromium, site, FORMS, STYLED, VIOLATIONS, page="lab.html?slot=3")
         until(chromium, "shown.length === 2 && document.querySelector('canvas')?.dataset.phase")
+        assert (chromium.evaluate("violations"), chromium.errors) == ([], [])
         chromium.close()
-        whole(chromium, site, FORMS, page="lab.html?slot=3")
+        whole(chromium, site, FORMS, VIOLATIONS, page="lab.html?slot=3")
+        assert (chromium.evaluate("violations"), chromium.errors) == ([], [])
         # Whoever comes back is not asked again.
         assert chromium.evaluate("shown.length") == 1
         assert "Thank you." in chromium.text()

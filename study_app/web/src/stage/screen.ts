@@ -62,14 +62,21 @@ export class Screen implements Stage {
   async prepare(trial: PlannedTrial, next: PlannedTrial | null): Promise<string | null> {
     const later = next?.stimuli ?? [];
     this.files.keep([...trial.stimuli, ...later]);
-    showNote(this.pages, this.words.wait);
     const began_ms = performance.now();
+    let waits: "wait" | "slow" = "wait";
+    const tell = () => {
+      showNote(this.pages, this.words[this.files.down ? "down" : waits]);
+    };
     const slow = setTimeout(() => {
-      showNote(this.pages, this.words.slow);
+      waits = "slow";
+      tell();
     }, SLOW_MS);
+    this.files.heard = tell;
+    tell();
     const loading = Promise.all(trial.stimuli.map((name) => this.files.frames(name)));
     const frames = await loading.finally(() => {
       clearTimeout(slow);
+      this.files.heard = () => undefined; // fetched beside a trial, they are no news
     });
     const waited_ms = performance.now() - began_ms;
     // Fetched a trial ahead; what goes wrong is told when its trial comes.
@@ -184,13 +191,17 @@ export async function fillScreen(): Promise<void> {
   }
 }
 
-/** Show a line of text that waits for nothing. */
-export function showNote(element: HTMLElement, text: string): void {
-  const note = document.createElement("p");
-  note.dir = "auto";
-  note.textContent = text;
-  element.replaceChildren(note);
+/** Show texts that wait for nothing. */
+export function showNote(element: HTMLElement, ...texts: readonly string[]): void {
+  element.replaceChildren(...texts.map(paragraph));
   element.hidden = false;
+}
+
+function paragraph(text: string): HTMLParagraphElement {
+  const made = document.createElement("p");
+  made.dir = "auto";
+  made.textContent = text;
+  return made;
 }
 
 function showPage(
@@ -200,12 +211,7 @@ function showPage(
   words: Words,
 ): Promise<PageResult> {
   const began_ms = performance.now();
-  const texts = page.text.split("\n").map((line) => {
-    const text = document.createElement("p");
-    text.dir = "auto";
-    text.textContent = line;
-    return text;
-  });
+  const texts = page.text.split("\n").map(paragraph);
   const field = page.question ? answerField(page.question.choices, page.draft) : null;
   const next = button(page.name === "consent" ? words.agree : words.next);
   const leave = button(words.leave, "leave");

@@ -24,26 +24,44 @@ export interface Jatos {
   uploadResultFile(data: string, name: string): Promise<unknown>;
 }
 
-/** Lines that a server did not take, though it was asked again and again. */
+/** Request that a server did not take, though it was asked again and again. */
 export class UnsentError extends Error {}
 
+/** Told that a request is tried anew (true), and that it came through, or was given up (false). */
+export type Told = (down: boolean) => void;
+
+/** Tries of a request: four minutes, where each fails at once. */
+const TRIES = 14;
+const MOST_WAIT_MS = 30_000;
+
 /** Ask until it is done, ever more slowly; then give up. */
-export async function insist<T>(what: () => Promise<T>, tries = 6): Promise<T> {
-  for (let wait_ms = 500; ; wait_ms *= 2) {
-    try {
-      return await what();
-    } catch (error) {
-      if (--tries <= 0) throw new UnsentError(String(error));
-      await new Promise((resolve) => setTimeout(resolve, wait_ms));
+export async function insist<T>(what: () => Promise<T>, told?: Told, tries = TRIES): Promise<T> {
+  let left = tries;
+  try {
+    for (let wait_ms = 500; ; wait_ms = Math.min(2 * wait_ms, MOST_WAIT_MS)) {
+      try {
+        return await what();
+      } catch (error) {
+        if (left === tries) told?.(true);
+        if (--left <= 0) throw new UnsentError(String(error), { cause: error });
+        await new Promise((resolve) => setTimeout(resolve, wait_ms));
+      }
     }
+  } finally {
+    if (left < tries) told?.(false);
   }
 }
 
 export class JatosStore implements Store {
   /** The server takes no more results of this run, 5 MB by default: further lines are files. */
   private full = false;
+  /** A line was given up: whoever waits for the next one is not kept for minutes again. */
+  private gone = false;
 
-  constructor(private readonly jatos: Jatos) {}
+  constructor(
+    private readonly jatos: Jatos,
+    private readonly told?: Told,
+  ) {}
 
   load(): Promise<History | null> {
     const past = this.jatos.studySessionData?.["metamerlab"];
@@ -52,11 +70,11 @@ export class JatosStore implements Store {
 
   async keep(history: History): Promise<void> {
     const all = { ...this.jatos.studySessionData, metamerlab: history };
-    await insist(() => this.jatos.setStudySessionData(all));
+    await this.insist(() => this.jatos.setStudySessionData(all));
   }
 
   async send(line: string): Promise<void> {
-    await insist(async () => {
+    await this.insist(async () => {
       try {
         // Joined without a separator.
         if (!this.full) await this.jatos.appendResultData(line);
@@ -67,6 +85,16 @@ export class JatosStore implements Store {
         this.full = true;
       }
     });
+  }
+
+  private async insist(what: () => Promise<unknown>): Promise<void> {
+    try {
+      await insist(what, this.told, this.gone ? 1 : TRIES);
+      this.gone = false;
+    } catch (error) {
+      this.gone = true;
+      throw error;
+    }
   }
 
   private upload(line: string): Promise<unknown> {
