@@ -24,6 +24,7 @@ async function bundle(entry, asset) {
   const { outputFiles, metafile } = await build({
     entryPoints: [entry],
     bundle: true,
+    preserveSymlinks: true, // packages may lie elsewhere
     minify: true,
     format: "iife",
     target: "es2022",
