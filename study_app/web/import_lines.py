@@ -8,9 +8,11 @@ participant whose lines contradict this is named and left out, whole.
 from __future__ import annotations
 
 import os
-import shutil
+import re
 import tempfile
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -34,7 +36,7 @@ from protocols.browser.web_study import deviations_s
 from protocols.disk.hashing import sha256_json
 from protocols.disk.result_folder import whole_folder
 from protocols.display import Display
-from protocols.errors import StudyError
+from protocols.errors import StudyError, must_be_one_of
 from protocols.journal import (
     EVENT,
     AnyEvent,
@@ -46,13 +48,14 @@ from protocols.journal import (
     SessionResume,
     SessionStart,
 )
-from protocols.journal_file import JOURNAL_NAME
+from protocols.journal_file import JOURNAL_NAME, read_journal
 from protocols.make_script import Scripts
 from protocols.manifest import Manifest
+from protocols.outside import shown
 from protocols.plan import make_plan
 from protocols.study_file.schema import StudyProtocol
 from study_app.attempt import AttemptLog, WatchedGaze, attempt_event, run_attempt
-from study_app.recorder import Recorder, journal_held, write_numbered
+from study_app.recorder import DiskError, Recorder, journal_held, write_numbered
 from study_app.session import (
     AskConsent,
     AskQuestion,
@@ -64,9 +67,12 @@ from study_app.session import (
     TakeBreak,
     next_step,
 )
-from study_app.session_folders import find_sessions, session_folder
+from study_app.session_folders import SessionFolder, find_sessions, session_folder
 from study_app.stage import FlipPicture, FlipReport, KeyPress
 from study_app.trial import Trial
+from study_app.verification import verify
+from study_app.web.check_lines import LineCheck, wrong
+from study_app.web.export import WebBuild
 from study_app.web.read_results import (
     BrowserResults,
     ContradictionError,
@@ -84,7 +90,7 @@ DISTURBANCES = {
 }
 
 
-State: TypeAlias = Literal["imported", "continued", "already there", "refused"]
+State: TypeAlias = Literal["imported", "continued", "already there", "set aside", "refused"]
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,8 @@ class ImportResult:
 
     participant: str
     state: State
-    """`continued`: lines that came later were added to a session imported before."""
+    """`continued`: lines that came later were added to a session imported before. `set aside`:
+    nobody took part."""
     message: str
     attempts: int = 0
     reason: str = ""
@@ -143,48 +150,73 @@ def import_results(
             if one.state not in ("damaged", "stillborn", "withdrawn", "refused")
             and one.journal.start.remote is None
         }
-    return [
-        _import_one(who, ours[who], study, display, manifest, root, slots, write=write)
-        for who in sorted(ours)
-    ]
+    build = WebBuild(study, display, manifest)
+    return [_import_one(who, ours[who], build, root, slots, write=write) for who in sorted(ours)]
 
 
 def _import_one(
     who: str,
     found: ParticipantLines,
-    study: StudyProtocol,
-    display: Display,
-    manifest: Manifest,
+    build: WebBuild,
     root: Path,
     slots: Mapping[int, str],
     *,
     write: bool,
 ) -> ImportResult:
+    """Import one participant; whatever their lines do, the others are imported.
+
+    Raises
+    ------
+    StudyError
+        If the disk refuses.
+    OSError
+        Likewise.
+    """
+    if found.simulated:
+        return ImportResult(who, "set aside", "simulated: nobody took part")
+    session = None
     try:
         if found.conflicts:
             raise ContradictionError("; ".join(found.conflicts[:3]))
-        session = RebuiltSession(study, display, manifest, whole_lines(found))
-        folder, start = session_folder(root, study, who), session.begun
+        session = RebuiltSession(build, whole_lines(found))
+        folder, start = session_folder(root, build.study, who), session.begun
         if start.slot_from != "drawn" and start.slot in slots:
             raise ContradictionError(
                 f"slot {start.slot} is that of the lab's session {slots[start.slot]!r}: two people"
                 " had one place; keep one of the two, and withdraw the other"
             )
-        with tempfile.TemporaryDirectory(prefix="metamerlab-import-") as temporary:
-            made = Path(temporary) / who
+        state: State = "imported"
+        with whole_folder(folder) if write and not folder.exists() else _aside(who) as made:
             session.write(made)
-            state = "imported" if not folder.exists() else _beside(folder, made)
-            if write and state == "imported":
-                with whole_folder(folder) as work:
-                    shutil.copytree(made, work, dirs_exist_ok=True)
-            elif write and state == "continued":
+            session.verify(made)
+            if folder.exists():
+                state = _beside(folder, made)
+            if write and state == "continued":
                 _continue(folder, made)
+    except DiskError as error:
+        raise StudyError(
+            f"{str(error).partition(';')[0]}: of {who} nothing was imported, and those before are"
+            " whole; make room, and import again"
+        ) from None
     except ContradictionError as error:
         return ImportResult(who, "refused", str(error))
     except StudyError as error:
         return ImportResult(who, "refused", f"not as this study makes it: {error}")
+    except OSError:
+        raise
+    except Exception as error:  # a fault of ours, which costs no other participant
+        place = f"line number {session.line.n if session else 0}"
+        what = f"{type(error).__name__}: {shown(error)}"
+        return ImportResult(who, "refused", f"{place}: must be one that a page sends ({what})")
     said = f"{found.repeated} lines came more than once" if found.repeated else ""
     return ImportResult(who, state, said, session.attempts, session.reason)
+
+
+@contextmanager
+def _aside(who: str) -> Iterator[Path]:
+    """Give a folder for a session that only is looked at, or compared."""
+    with tempfile.TemporaryDirectory(prefix="metamerlab-import-") as temporary:
+        yield Path(temporary) / who
 
 
 def _beside(folder: Path, made: Path) -> State:
@@ -215,12 +247,17 @@ def _continue(folder: Path, made: Path) -> None:
         if path.name != JOURNAL_NAME and not place.exists():
             place.parent.mkdir(exist_ok=True)
             write_numbered(place.with_suffix(""), place.suffix, path.read_bytes())
-    journal = folder / JOURNAL_NAME
-    with journal_held(journal), journal.open("r+b") as file:
-        file.seek(0, os.SEEK_END)
-        file.write((made / JOURNAL_NAME).read_bytes()[file.tell() :])
-        file.flush()
-        os.fsync(file.fileno())
+    journal, whole = folder / JOURNAL_NAME, (made / JOURNAL_NAME).read_bytes()
+    with journal_held(journal), journal.open("r+b", buffering=0) as file:
+        length = file.seek(0, os.SEEK_END)
+        left = memoryview(whole)[length:]
+        try:
+            while left:
+                left = left[file.write(left) :]
+            os.fsync(file.fileno())
+        except OSError:
+            file.truncate(length)
+            raise
 
 
 class RebuiltSession:
@@ -228,8 +265,8 @@ class RebuiltSession:
 
     Parameters
     ----------
-    study, display, manifest : StudyProtocol, Display, Manifest
-        Those of the export.
+    build : WebBuild
+        The export.
     lines : iterator of lines
         All, in order.
 
@@ -239,13 +276,8 @@ class RebuiltSession:
         If they do not begin as a session of this study does.
     """
 
-    def __init__(
-        self,
-        study: StudyProtocol,
-        display: Display,
-        manifest: Manifest,
-        lines: Iterator[AnyLine],
-    ) -> None:
+    def __init__(self, build: WebBuild, lines: Iterator[AnyLine]) -> None:
+        study, manifest = build.study, build.manifest
         begun = next(lines)
         if not isinstance(begun, StartLine):
             raise ContradictionError(f"line number 0 must be the start (got {begun.kind})")
@@ -264,14 +296,17 @@ class RebuiltSession:
                 f"places_key must be the export's, as in its study.json (got {key}): the line was"
                 " changed, or is of another export"
             )
+        self.line: AnyLine = begun
+        self.checks = LineCheck(build, begun)
+        self.checks.check(begun)
         tolerance_s = study.web.tolerance_s if study.web else 0.0
-        self.begun, self.lines, self.manifest = begun, lines, manifest
+        self.begun, self.lines, self.build, self.manifest = begun, lines, build, manifest
         self.study = study.in_a_browser().ordered_by(begun.seed, key)
-        self.display = display.at_rate(begun.rate_hz, tolerance_s)
+        self.display = build.display.at_rate(begun.rate_hz, tolerance_s)
         ordered = study.ordered_by(begun.seed, key)
         self.plan = make_plan(ordered, manifest, begun.participant, begun.slot)
         self.scripts = Scripts(self.study, self.display, begun.language, manifest)
-        self.line: AnyLine = begun
+        self._sources = [begun.n]
         self._now_s = 0.0
         self.attempts = 0
         self.reason = ""
@@ -290,13 +325,30 @@ class RebuiltSession:
             recorder.append(self._start(recorder))
             for line in self.lines:
                 self.line, self._now_s = line, line.t_s
+                self.checks.check(line)
                 recorder.append(self._event(line, recorder))
-                if not isinstance(line, AttemptLine):
-                    continue
-                self.attempts += 1
-                if line.disturbed:
+                self.attempts += isinstance(line, AttemptLine)
+                if isinstance(line, AttemptLine) and line.disturbed:
                     text = DISTURBANCES[line.disturbed[1]]
                     recorder.append(Note(**recorder.stamps(), text=text))
+                self._sources += [line.n] * (len(recorder.events) - len(self._sources))
+
+    def verify(self, folder: Path) -> None:
+        """Check what was written as 'session verify' does.
+
+        Raises
+        ------
+        ContradictionError
+            Naming the first line that something is wrong with.
+        """
+        journal = read_journal(folder / JOURNAL_NAME, lenient=True)
+        for problem in verify(SessionFolder(folder, journal), self.build.study).problems[:1]:
+            said = re.sub(
+                r"^line (\d+)",
+                lambda found: f"line number {self._sources[int(found[1]) - 1]}",
+                problem,
+            )
+            raise ContradictionError(said)
 
     def _start(self, recorder: Recorder) -> SessionStart:
         begun = self.begun
@@ -338,6 +390,7 @@ class RebuiltSession:
                 torn_file=None,
             )
         if isinstance(line, EndLine):
+            self._check_end(line, recorder)
             self.reason = line.reason
             done = sum(one.decides for one in recorder.events if isinstance(one, Attempt))
             return SessionEnd(**recorder.stamps(), reason=line.reason, completed_trials=done)
@@ -348,6 +401,15 @@ class RebuiltSession:
                 return self._attempt(step, line, recorder)
             planned = self._planned(step, line)
         return EVENT.validate_python({**line.told(), **planned, **recorder.stamps()})
+
+    def _check_end(self, line: EndLine, recorder: Recorder) -> None:
+        """Refuse an end that says that the session is over, where it is not."""
+        step = next_step(self.study, self.plan, recorder.events, self.begun.language)
+        due = ("completed" if step.consented else "consent-refused") if isinstance(
+            step, Finish) else None  # fmt: skip
+        if line.reason in ("completed", "consent-refused") and line.reason != due:
+            what = f"reason must not be that, since there comes {_named(step)}"
+            raise wrong(line, what, line.reason)
 
     def _planned(self, step: Step, line: AnyLine) -> Mapping[str, object]:
         """Return fields of the event that no line says, if the line is what comes next."""
@@ -361,8 +423,11 @@ class RebuiltSession:
             case TakeBreak(due), BreakLine(after_block=said) if said == due:
                 return {}
             case AskQuestion(), AnswerLine(question=said) if said == step.question.name:
+                choices = step.question.choices
+                if choices and line.text not in choices:
+                    raise wrong(line, must_be_one_of("text", line.text, choices))
                 return {}
-        raise self._wrong(f"must be what comes next, {_named(step)}", line.kind)
+        raise wrong(line, f"must be what comes next, {_named(step)}", line.kind)
 
     def _attempt(self, step: RunTrial, line: AttemptLine, recorder: Recorder) -> Attempt:
         """Run a trial again on what was observed; return the event of what comes out."""
@@ -381,12 +446,15 @@ class RebuiltSession:
         try:
             run_attempt(script, stage, None, write)
         except ValueError as error:
-            raise self._wrong("flips must be such as a screen shows", error) from None
+            raise wrong(line, "flips must be such as a screen shows", error) from None
         (event,) = made
+        void = event.void_reason == "focus-lost"
+        if void != (line.disturbed is not None):
+            raise wrong(line, f"disturbed must {'not ' * (not void)}be given", line.disturbed)
         ran, ends = (event.outcome, event.void_reason, event.answer), "as the trial comes out"
         self._check(line, ("outcome", "void_reason", "answer"), ran, ends)
         if stage.used != len(line.flips_us):
-            raise self._wrong(f"flips must be {stage.used}, {ends}", len(line.flips_us))
+            raise wrong(line, f"flips must be {stage.used}, {ends}", len(line.flips_us))
         return event
 
     def _check(
@@ -395,10 +463,7 @@ class RebuiltSession:
         """Refuse a line that says something else than we do."""
         for key, must in zip(keys, ours, strict=True):
             if (found := getattr(line, key)) != must:
-                raise self._wrong(f"{key} must be {must}, {why}", found)
-
-    def _wrong(self, what: str, found: object) -> ContradictionError:
-        return ContradictionError(f"line number {self.line.n}: {what} (got {found})")
+                raise wrong(line, f"{key} must be {must}, {why}", str(found))
 
 
 class ReplayedStage:
@@ -416,6 +481,10 @@ class ReplayedStage:
         self.written = False
         """True if the outcome was written."""
         self._shown = 0
+        self._presses: dict[int, list[KeyPress]] = defaultdict(list)
+        for press in line.presses:
+            key = KeyPress(press.key, press.at_us / 1e6, press.x or 0.0)
+            self._presses[press.flip].append(key)
 
     def now(self) -> float:
         """Return the stamp of the last flip."""
@@ -433,11 +502,7 @@ class ReplayedStage:
 
     def key_presses(self) -> Sequence[KeyPress]:
         """Return the keys that were read after this flip."""
-        return [
-            KeyPress(press.key, press.at_us / 1e6, press.x or 0.0)
-            for press in self._line.presses
-            if press.flip == self._shown - 1
-        ]
+        return self._presses[self._shown - 1]
 
     def disturbed(self) -> str:
         """Return the disturbance between participant and page after this flip."""

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from protocols.browser.web_lines import LINE, AnyLine
+from protocols.browser.web_lines import LINE, AnyLine, ResumeLine, StartLine
 from protocols.browser.web_study import STUDY_FILE
 from protocols.disk.whole_file import decoded_text, read_bytes
 from protocols.errors import StudyError
@@ -57,9 +57,13 @@ class ParticipantLines:
     repeated: int = 0
     """Lines that came more than once, and said the same."""
     conflicts: list[str] = field(default_factory=list)
+    simulated: bool = False
+    """True if a line says that an artificial observer drove the page."""
 
     def add(self, line: AnyLine, text: bytes, where: str) -> None:
         """Take a line, unless it is there already."""
+        if isinstance(line, StartLine | ResumeLine):
+            self.simulated |= line.machine.simulated
         packed = zlib.compress(text, 1)
         there = self.texts.setdefault(line.n, packed)
         if there is packed:
@@ -210,7 +214,7 @@ def _read_file(path: Path, inbox: BrowserResults) -> None:
         check_zip(path, io.BytesIO(data), StudyError)
         archive = zipfile.ZipFile(io.BytesIO(data))
     left, lines = limit("unpacked"), 0
-    if any(entry.filename.endswith(".jas") for entry in archive.infolist()):
+    if any(re.fullmatch(r"[^/]+\.jas", entry.filename) for entry in archive.infolist()):
         raise StudyError(_EXPORTED.format(path))
     for entry in archive.infolist():
         if not entry.filename.lower().endswith((".txt", *_ARCHIVES)):

@@ -132,3 +132,15 @@ def brought_home(of: BuiltWebStudy, results: list[str], root: Path) -> list[Impo
     inbox.read("results", "".join(results).encode())
     assert not inbox.damaged
     return import_results(inbox, of.study, of.display, of.manifest, root)
+
+
+Fields = Mapping[str, object] | Callable[[dict[str, Any]], Mapping[str, object]]
+
+
+def changed(results: list[str], kind: str, fields: Fields) -> tuple[list[str], int]:
+    """Change fields of the line in the middle of all of a kind; return all, and its number."""
+    places = [n for n, line in enumerate(results) if json.loads(line)["kind"] == kind]
+    place = places[len(places) // 2]
+    line = json.loads(results[place])
+    line |= fields(line) if callable(fields) else fields
+    return [*results[:place], json.dumps(line) + "\n", *results[place + 1 :]], place

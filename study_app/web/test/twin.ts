@@ -143,9 +143,9 @@ class Screen implements Stage {
   }
 }
 
-const MACHINE: Machine = {
+const machineAt = (rate_hz: number): Machine => ({
   browser: "Made up 1",
-  refresh_hz: 59.97,
+  refresh_hz: rate_hz * 0.9995,
   missed_share: 0.003,
   window_px: [1920, 1080],
   device_pixel_ratio: 1.25,
@@ -153,8 +153,8 @@ const MACHINE: Machine = {
   color_gamut: "srgb",
   full_screen: true,
   touch: false,
-  simulated: true,
-};
+  simulated: false,
+});
 
 /** A whole session by the kernel: the results as a server has them, and how often the page died. */
 async function session(asked: Extract<Asked, { ask: "session" }>): Promise<unknown> {
@@ -175,8 +175,8 @@ async function session(asked: Extract<Asked, { ask: "session" }>): Promise<unkno
     try {
       const past = await server.load();
       const lines = past
-        ? await LineLog.reopened(server, study, stamps, past, rate.refresh_hz, MACHINE)
-        : await LineLog.begin(server, study, stamps, begun, await hash(JSON.stringify(study)), MACHINE);
+        ? await LineLog.reopened(server, study, stamps, past, rate.refresh_hz, machineAt(rate.refresh_hz))
+        : await LineLog.begin(server, study, stamps, begun, await hash(JSON.stringify(study)), machineAt(rate.refresh_hz));
       const ending = await conduct(study, rate, lines, screen, hash);
       return { ending, deaths, results: server.results };
     } catch (error) {
