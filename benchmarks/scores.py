@@ -26,7 +26,6 @@ from stimuli.score.batch import subjects_of_batch
 from stimuli.score.measure_clips import ScoreResults, ScoreSettings, score
 from stimuli.score.metrics import HOLES, choose_metrics
 from stimuli.score.report import duels_markdown, write_pages
-from stimuli.score.speed import time_methods
 from stimuli.score.tables import OURS, RIVALS, ScoreTable, all_tables, duels, method_order
 from stimuli.score.viewing_conditions import standard_fhd
 from stimuli.score.write_scores import CACHE_FOLDER, JSON_NAME
@@ -103,8 +102,7 @@ def make(motion: str, scenes: Sequence[str], methods: Sequence[str], out: Path) 
         results = score(
             subjects, settings, cache=folder / CACHE_FOLDER, workers=cores(), report=report
         )
-        times_ms, renderer = time_methods(subjects.clips, subjects.items[0].pair, out)
-        write_pages(results, folder, times_ms=times_ms, renderer=renderer)
+        write_pages(results, folder)
     return results
 
 

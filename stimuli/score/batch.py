@@ -51,7 +51,6 @@ class Subjects:
     items: tuple[Subject, ...]
     origin: dict[str, str]
     notes: tuple[str, ...]
-    clips: tuple[Clip, ...] = ()
     labels: Mapping[str, str] = field(default_factory=dict)
 
     def shown(self, name: str) -> str:
@@ -113,7 +112,7 @@ def subjects_of_batch(folder: Path) -> Subjects:
         "renderer": f"{manifest.renderer.renderer}, {manifest.renderer.version}",
         "manifest": manifest.sha256,
     }
-    return Subjects(tuple(items), origin, notes, manifest.clips)
+    return Subjects(tuple(items), origin, notes)
 
 
 def subjects_of_two(test: Path, truth: Path, mask: Path | None, fps: float) -> Subjects:

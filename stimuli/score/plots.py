@@ -1,4 +1,4 @@
-"""Figures of scores: dots per scene, time against quality, and where a method errs."""
+"""Figures of scores: dots per scene, bands by eccentricity, and where a method errs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from protocols.outside import inline_svg
 from stimuli.score.measure_clips import ScoreResults
-from stimuli.score.metrics import FRAME, Metric
+from stimuli.score.metrics import FRAME
 from stimuli.score.tables import ScoreTable, method_order
 
 # Okabe and Ito's colours, told apart by every kind of colour vision; markers for print.
@@ -66,41 +66,6 @@ def dots(table: ScoreTable) -> Figure:
         figure.legend(loc="outside upper center", ncols=min(count, 4))
         if metric.better == "lower":
             axes.invert_xaxis()
-    return figure
-
-
-def trade_off(
-    results: ScoreResults, metric: Metric, region: str, times_ms: dict[str, float]
-) -> Figure | None:
-    """Draw the mean quality of each method against its time; None if nothing can be drawn."""
-    points = []
-    for index, method in enumerate(method_order(results)):
-        numbers = results.values_of(method, metric, region)
-        values = [value for value in numbers if value is not None and math.isfinite(value)]
-        if values and method in times_ms:
-            points.append((index, method, times_ms[method], float(np.mean(values))))
-    if len(points) < 2:
-        return None
-    with figure_style():
-        figure = arranged_figure(5.2, 3.2)
-        axes = figure.subplots()
-        for index, method, time_ms, value in points:
-            axes.plot(
-                time_ms, value, MARKERS[index % len(MARKERS)], markersize=7,
-                color=COLOURS[index % len(COLOURS)], label=results.subjects.shown(method),
-            )  # fmt: skip
-        axes.set_xscale("log")
-        axes.grid(color="#E3E3E3", linewidth=0.6)
-        lowest, highest = (pick(point[2] for point in points) for pick in (min, max))
-        axes.set_xlim(lowest / 1.5, highest * 1.5)
-        every = [step * 10.0**power for power in range(-4, 6) for step in (1.0, 2.0, 5.0)]
-        ticks = [tick for tick in every if lowest / 1.5 <= tick <= highest * 1.5]
-        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        axes.minorticks_off()
-        axes.set_xlabel("time of one fill on this machine (ms), lower is better")
-        unit = f" ({metric.unit})" if metric.unit else ""
-        axes.set_ylabel(f"{metric.label}{unit}, {metric.arrow}")
-        figure.legend(loc="outside right upper")
     return figure
 
 

@@ -27,7 +27,6 @@ from protocols.revision import code_revision, package_version
 from stimuli.score import plots
 from stimuli.score.available import metric_versions
 from stimuli.score.measure_clips import ScoreResults
-from stimuli.score.metrics import HOLES, METRICS
 from stimuli.score.tables import (
     PairedMethods,
     ScoreTable,
@@ -53,17 +52,14 @@ from stimuli.score.write_scores import (
     write_text,
 )
 
-_WIDTHS_REM = {"scenes": 50.0, "bands": 50.0, "time": 36.0, "scale": 22.0}
+_WIDTHS_REM = {"scenes": 50.0, "bands": 50.0, "scale": 22.0}
 """Groups of figures, and how wide each is on the page."""
-_AGAINST_TIME = ("fvvdp-1.0", "fvvdp", "cvvdp", "lpips", "statistics")
 
 
 def write_pages(
     results: ScoreResults,
     out: Path,
     *,
-    times_ms: dict[str, float] | None = None,
-    renderer: str = "",
     report: Callable[[str], None] | None = None,
     focus: str | None = None,
 ) -> Path:
@@ -72,11 +68,10 @@ def write_pages(
     `focus` is the method that words compare with every other; see `all_duels`.
     """
     say = report or (lambda _: None)
-    times_ms = times_ms or {}
     tables = all_tables(results)
     found = all_duels(tables, focus)
     say("drawing figures")
-    drawn = _draw(results, tables, times_ms, out)
+    drawn = _draw(results, tables, out)
     say("writing tables")
     write_text(out / CSV_NAME, scores_csv(results))
     write_text(out / FRAMES_NAME, frames_csv(results))
@@ -85,8 +80,8 @@ def write_pages(
     write_text(out / TABLES_NAME, tables_markdown(tables, found))
     write_text(out / LATEX_NAME, tables_latex(tables))
     write_text(out / TABLES_CSV_NAME, tables_csv(tables))
-    write_text(out / HTML_NAME, _page(results, tables, found, drawn, times_ms, renderer))
-    write_text(out / JSON_NAME, json_text(scores_json(results, times_ms, renderer)))
+    write_text(out / HTML_NAME, _page(results, tables, found, drawn))
+    write_text(out / JSON_NAME, json_text(scores_json(results)))
     return out / HTML_NAME
 
 
@@ -108,7 +103,7 @@ def duels_markdown(found: tuple[PairedMethods, ...]) -> str:
 
 
 def _draw(
-    results: ScoreResults, tables: tuple[ScoreTable, ...], times_ms: dict[str, float], out: Path
+    results: ScoreResults, tables: tuple[ScoreTable, ...], out: Path
 ) -> dict[str, dict[str, Figure]]:
     """Draw all figures into `out`, and return them by group and name."""
     drawn: dict[str, dict[str, Figure]] = {name: {} for name in _WIDTHS_REM}
@@ -142,11 +137,6 @@ def _draw(
                 " finest) over the reference's, in rings around the gaze. 1 is right."
             )
             keep("bands", f"bands-by-eccentricity-{number}", caption, figure)
-    for metric in (METRICS[name] for name in _AGAINST_TIME):
-        figure = plots.trade_off(results, metric, HOLES, times_ms)
-        if metric in results.metrics and figure is not None:
-            caption = f"{metric.label} in holes, mean of all scenes, against the time of one fill."
-            keep("time", f"time-{metric.name}".replace(".", "-"), caption, figure)
     top, rows = plots.error_maps(results)
     if rows:
         label = f"{results.map_metric}, mean over the frames"
@@ -159,8 +149,6 @@ def _page(
     tables: tuple[ScoreTable, ...],
     found: tuple[PairedMethods, ...],
     drawn: dict[str, dict[str, Figure]],
-    times_ms: dict[str, float],
-    renderer: str,
 ) -> str:
     first, subjects = results.subjects.items[0].pair, results.subjects
     size = f"{first.width_px} x {first.height_px} px"
@@ -177,10 +165,6 @@ def _page(
         Markup("<b>{}</b> not computed: {}.").format(", ".join(one.metrics), one.reason)
         for one in results.missing
     )
-    timed = (
-        f"Wall time of one fill of {size} with the copies to and from the GPU, median of 5, on"
-        f" {renderer}."
-    )
     sections = (
         *_verdicts(found),
         Section.of(
@@ -189,15 +173,9 @@ def _page(
         Section.of("Pictures", *_pictures(results)),
         Section.of("Bands by eccentricity", *map(FigurePlace, drawn["bands"]), name="bands"),
         Section.of("Scene by scene", *map(FigurePlace, drawn["scenes"]), name="scenes"),
-        Section.of(
-            "Time against quality",
-            *([Paragraph(timed, muted=True)] if drawn["time"] else []),
-            *map(FigurePlace, drawn["time"]),
-            name="time",
-        ),
         Section.of("Where methods err", *_maps(results, drawn), name="maps"),
         Section.of("Metrics", *_metrics(results, masks=bool(first.masks))),
-        Section.of("Provenance", _provenance(results, times_ms)),
+        Section.of("Provenance", _provenance(results)),
     )
     counted = f"{count_of(len(subjects.items), 'clip')} of {count_of(first.frames, 'frame')}"
     return html_page(
@@ -297,12 +275,10 @@ def _metrics(results: ScoreResults, *, masks: bool) -> Iterator[Block]:
         )
 
 
-def _provenance(results: ScoreResults, times_ms: dict[str, float]) -> Rows:
-    labels = results.subjects.labels
+def _provenance(results: ScoreResults) -> Rows:
     rows = [
         ("scored with", f"metamerlab {package_version()}, revision {code_revision()}"),
         *results.subjects.origin.items(),
         *metric_versions(results.metrics).items(),
-        *((f"time of {labels.get(k, k)}", f"{value:.2f} ms") for k, value in times_ms.items()),
     ]
     return Rows.of("", [("", "l"), ("", "l")], [(key, str(value)) for key, value in rows])

@@ -75,9 +75,7 @@ def bands_csv(results: ScoreResults) -> str:
     return _csv(("scene", "size", "method", "level", "eccentricity_deg", "ratio"), rows)
 
 
-def scores_json(
-    results: ScoreResults, times_ms: dict[str, float], renderer: str
-) -> dict[str, Json]:
+def scores_json(results: ScoreResults) -> dict[str, Json]:
     """Return every number and all that it depends on; an infinite one as the text "inf"."""
     settings = results.settings
     return {
@@ -95,8 +93,6 @@ def scores_json(
             {"metrics": list(entry.metrics), "reason": entry.reason} for entry in results.missing
         ],
         "notes": list(results.notes),
-        "fill_ms": {name: round(value, 3) for name, value in times_ms.items()},
-        "fill_renderer": renderer,
         "clips": [
             {
                 "scene": item.scene,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -209,6 +209,7 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
     from protocols.disk.result_folder import whole_folder
     from stimuli.batch.executors import cores
     from stimuli.score.measure_clips import score as run
+    from stimuli.score.report import write_pages
     from stimuli.score.tables import check_focus
     from stimuli.score.write_scores import CACHE_FOLDER, check_out
 
@@ -237,35 +238,13 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
         page = None
         if folder is not None:
             with whole_folder(folder, replace=True, reads=reads, keeps=CACHE_FOLDER) as work:
-                made = _write(
-                    results, subjects, work, folder / CACHE_FOLDER, first,
-                    lambda what: report(1, 1, what), focus,
-                )  # fmt: skip
+                made = write_pages(
+                    results, work, report=lambda what: report(1, 1, what), focus=focus
+                )
             page = folder / made.name
     _print_results(console, results, focus)
     if page is not None:
         console.print(f"wrote {page}, and beside it CSV, JSON, Markdown tables and figures")
-
-
-def _write(
-    results: ScoreResults,
-    subjects: Subjects,
-    out: Path,
-    cache: Path,
-    source: Path,
-    say: Callable[[str], None],
-    focus: str | None,
-) -> Path:
-    from stimuli.score.report import write_pages
-    from stimuli.score.speed import time_methods
-
-    times_ms: dict[str, float] = {}
-    renderer = ""
-    if subjects.clips:
-        say("timing one fill of each method")
-        pair = subjects.items[0].pair
-        times_ms, renderer = time_methods(subjects.clips, pair, source.parent, cache)
-    return write_pages(results, out, times_ms=times_ms, renderer=renderer, report=say, focus=focus)
 
 
 def _print_results(console: Console, results: ScoreResults, focus: str | None) -> None:

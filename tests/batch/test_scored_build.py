@@ -1,4 +1,4 @@
-"""Clips that a build made are scored as they are: masks, references, times."""
+"""Clips that a build made are scored as they are: masks, references."""
 
 import json
 
@@ -20,11 +20,10 @@ def test_a_build_is_scored_by_the_command(gl_context, plan, inline, tmp_path):  
     assert done.exit_code == 0, done.output
     numbers = json.loads((out / "scores.json").read_text())
     assert {clip["scene"] for clip in numbers["clips"]} == {"box", "motorcycle"}
-    assert numbers["fill_ms"].keys() == {"push-pull", "telea"}
-    assert all(value > 0 for value in numbers["fill_ms"].values())
+    assert "fill_ms" not in numbers  # the same on every machine
     for clip in numbers["clips"]:
         # The fill alone is worse than the frame that it is a part of.
         assert clip["scores"]["psnr holes"] < clip["scores"]["psnr frame"]
         assert 0 < clip["scores"]["statistics holes"] < 1
     page = (out / "scores.html").read_text()
-    assert "Time against quality" in page
+    assert "Scene by scene" in page
