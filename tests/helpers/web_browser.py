@@ -276,7 +276,7 @@ def begin(
     browser: Browser,
     site: Site,
     *scripts: str,
-    page: str = "index.html?slot=1&simulated",
+    page: str = "index.html?slot=1",
     **how: Any,
 ) -> None:
     """Open a study on the virtual clock, for an observer who answers by chance."""

@@ -69,7 +69,7 @@ def test_clips_come_frame_by_frame_or_whole_as_the_server_can(chromium, of, rang
     handler = type("Ranges", (Handler,), own)
     with loopback.served(handler) as url:
         script = "addEventListener('error', (event) => { document.title = event.message; });"
-        page = f"{url}index.html?slot=1&simulated"
+        page = f"{url}index.html?slot=1"
         size = of.exported["window_px"]
         chromium.open(page, CLOCK, OBSERVER, LUCKY, script, size=size)
         until(chromium, "document.querySelector('main')?.dataset.page === 'over'")

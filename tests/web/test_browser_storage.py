@@ -65,7 +65,7 @@ def test_another_link_and_another_version_begin_a_session_of_their_own(chromium,
     with served(of.out, jatos=False) as site:
         begin(chromium, site)
         until(chromium, f"{everyone} === 1")
-        begin(chromium, site, page="?slot=2&simulated", anew=False)
+        begin(chromium, site, page="?slot=2", anew=False)
         until(chromium, f"{everyone} === 2")
         begin(chromium, site, anew=False)
         until(chromium, resumed)
@@ -103,7 +103,7 @@ def test_slots_of_a_batch_are_given_once_whoever_comes_between(chromium, case):
     for rivals in (1, 0, 3):
         with served(case("yes-no").out) as site:
             site.rivals, site.batch, site.version = rivals, batch, version
-            begin(chromium, site, page="index.html?simulated")
+            begin(chromium, site, page="index.html")
             until(chromium, "document.querySelector('canvas')?.dataset.phase")
             (start,) = said(site.lines, "start")
             assert (start["slot_from"], site.rivals) == ("batch", 0)
@@ -117,7 +117,7 @@ def test_slots_of_a_batch_are_given_once_whoever_comes_between(chromium, case):
 def test_a_batch_that_never_gives_a_slot_is_said_and_nothing_is_sent(chromium, case):
     with served(case("yes-no").out) as site:
         site.rivals = 1000
-        begin(chromium, site, page="index.html?simulated")
+        begin(chromium, site, page="index.html")
         until(chromium, OVER)
         assert chromium.text().startswith("Something went wrong: ")
         assert site.lines == []
