@@ -263,8 +263,8 @@ def _session_row(
         "unchecked_lines": journal.unchecked,
         "torn": int(bool(journal.torn)),
         "refresh_hz": start.refresh_hz,
-        "time_off_s": start.remote
-        and max(map(abs, start.remote.deviations_s.values()), default=0.0),
+        "refresh_changes": "; ".join(journal.rate_changes),
+        "time_off_s": journal.time_off_s,
         "gaze_mode": start.gaze_mode,
         "timing_evidence": start.timing_evidence,
         "protocol_sha256": start.protocol_sha256,

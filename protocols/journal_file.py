@@ -138,6 +138,25 @@ class Journal:
         """Every attempt, in order."""
         return tuple(event for event in self.events if isinstance(event, Attempt))
 
+    @property
+    def rate_changes(self) -> tuple[str, ...]:
+        """Refresh rates at which the session went on, each with its first attempt, from 1."""
+        attempts, found = 0, []
+        for event in self.events:
+            attempts += isinstance(event, Attempt)
+            if isinstance(event, SessionResume) and event.refresh_hz is not None:
+                found.append(f"{event.refresh_hz:g} Hz from attempt {attempts + 1}")
+        return tuple(found)
+
+    @property
+    def time_off_s(self) -> float | None:
+        """Largest difference of a time from the study's, in a browser; None at a desk."""
+        if self.start.remote is None:
+            return None
+        later = [e.deviations_s for e in self.events if isinstance(e, SessionResume)]
+        of_rates = [self.start.remote.deviations_s, *filter(None, later)]
+        return max((abs(off_s) for of in of_rates for off_s in of.values()), default=0.0)
+
 
 def read_journal(path: Path, *, lenient: bool = False) -> Journal:
     """Read a journal.

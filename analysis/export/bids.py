@@ -115,7 +115,7 @@ def _about(content: ExportedStudy, person: Person, run: Run, display: Display) -
     screen: dict[str, Json] = {
         "ScreenDistance": display.distance_mm / 1000,
         "ScreenOrigin": ["top", "left"],
-        "ScreenRefreshRate": start.refresh_hz,
+        "ScreenRefreshRate": run.refresh_hz,
         "ScreenResolution": [display.width_px, display.height_px],
         "ScreenSize": [display.width_mm / 1000, display.height_mm / 1000],
         "SoftwareName": "metamerlab",
@@ -129,7 +129,8 @@ def _about(content: ExportedStudy, person: Person, run: Run, display: Display) -
 
 def _display(content: ExportedStudy, person: Person) -> Display:
     start = person.reading.start
-    for display in content.options.displays:
+    for given in content.options.displays:
+        display = given.at_rate(start.refresh_hz, 0.0) if start.remote else given
         if sha256_json(display) == start.display_sha256:
             return display
     known = ", ".join(display.name for display in content.options.displays) or "none"

@@ -31,6 +31,8 @@ class Run:
     """From 1; a resumed session has several."""
     opening: SessionStart | SessionResume
     events: tuple[AnyEvent, ...]
+    refresh_hz: float
+    """Refresh rate of the display."""
 
     @property
     def attempts(self) -> tuple[Attempt, ...]:
@@ -84,14 +86,17 @@ def sorting_key(reading: JournalReading) -> str:
 
 def runs_of(reading: JournalReading) -> tuple[Run, ...]:
     """Return a journal's events by runs of the program."""
-    runs: list[tuple[SessionStart | SessionResume, list[AnyEvent]]] = []
+    runs: list[tuple[SessionStart | SessionResume, list[AnyEvent], float]] = []
+    rate_hz = 0.0
     for event in reading.journal.events:
         if isinstance(event, SessionStart | SessionResume):
-            runs.append((event, []))
+            rate_hz = event.refresh_hz or rate_hz
+            runs.append((event, [], rate_hz))
         if runs:  # what stands before the header has no clock
             runs[-1][1].append(event)
     return tuple(
-        Run(number, opening, tuple(events)) for number, (opening, events) in enumerate(runs, 1)
+        Run(number, opening, tuple(events), rate_hz)
+        for number, (opening, events, rate_hz) in enumerate(runs, 1)
     )
 
 

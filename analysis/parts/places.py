@@ -42,7 +42,7 @@ class Place:
 
     `refresh_hz`, `timing_evidence` and `gaze_mode` count sessions by what they were recorded with;
     empty for a table, which does not say. `time_off_s` is how far a time was from the study's at
-    most, where refreshes asked for it.
+    most, where refreshes asked for it. `rate_changes` names sessions that went on at another rate.
     """
 
     name: str
@@ -53,6 +53,7 @@ class Place:
     timing_evidence: Mapping[str, int]
     gaze_mode: Mapping[str, int]
     time_off_s: float | None
+    rate_changes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,15 @@ class PlacesPart(Part[AnalysisPlan, Places]):
             counted("timing_evidence"),
             counted("gaze_mode"),
             None if own is None or name == LAB else float(own["time_off_s"].max()),
+            () if own is None else _changed(own),
         )
+
+
+def _changed(sessions: pd.DataFrame) -> tuple[str, ...]:
+    """Return the sessions that went on at another refresh rate, and when."""
+    texts = sessions["refresh_changes"].fillna("")
+    pairs = zip(sessions["session"], texts, strict=True)
+    return tuple(f"{session} ({text})" for session, text in pairs if text)
 
 
 def _places(found: Places) -> ResultTable[Place]:
@@ -238,6 +247,8 @@ def _blocks(found: Places, plan: AnalysisPlan) -> Iterator[Block]:
         " the browser's animation frame. No photodiode saw the screen; nothing watched gaze or"
         f" distance.{off}"
     )
+    if changed := found.places[-1].rate_changes:
+        yield Paragraph(f"Gone on at another refresh rate: {', '.join(changed)}.")
     if found.differences:
         yield _differences(found, plan).block()
         yield Paragraph(

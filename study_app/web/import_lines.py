@@ -13,7 +13,7 @@ import tempfile
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -73,6 +73,7 @@ from study_app.trial import Trial
 from study_app.verification import verify
 from study_app.web.check_lines import LineCheck, wrong
 from study_app.web.export import WebBuild
+from study_app.web.histories import Place, histories, left_by
 from study_app.web.read_results import (
     BrowserResults,
     ContradictionError,
@@ -163,7 +164,9 @@ def _import_one(
     *,
     write: bool,
 ) -> ImportResult:
-    """Import one participant; whatever their lines do, the others are imported.
+    """Import the first history of a participant that is a session; say what it leaves.
+
+    Whatever their lines do, the others are imported.
 
     Raises
     ------
@@ -174,11 +177,34 @@ def _import_one(
     """
     if found.simulated:
         return ImportResult(who, "set aside", "simulated: nobody took part")
+    refused = ""
+    for end in histories(found.told):
+        kept = end.history
+        result = _import_history(who, kept, build, root, slots, write=write)
+        if result.state != "refused":
+            said = [f"{found.repeated} lines came more than once"] if found.repeated else []
+            said += filter(None, [left_by(kept, found.told)])
+            if refused:
+                said.append(f"another history was refused: {refused}")
+            return replace(result, message="; ".join(said))
+        refused = refused or result.message
+        if end.length <= end.n:
+            break  # before all of the best one has come, no other is imported
+    return ImportResult(who, "refused", refused)
+
+
+def _import_history(
+    who: str,
+    history: Sequence[Place],
+    build: WebBuild,
+    root: Path,
+    slots: Mapping[int, str],
+    *,
+    write: bool,
+) -> ImportResult:
     session = None
     try:
-        if found.conflicts:
-            raise ContradictionError("; ".join(found.conflicts[:3]))
-        session = RebuiltSession(build, whole_lines(found))
+        session = RebuiltSession(build, whole_lines(history))
         folder, start = session_folder(root, build.study, who), session.begun
         if start.slot_from != "drawn" and start.slot in slots:
             raise ContradictionError(
@@ -208,8 +234,7 @@ def _import_one(
         place = f"line number {session.line.n if session else 0}"
         what = f"{type(error).__name__}: {shown(error)}"
         return ImportResult(who, "refused", f"{place}: must be one that a page sends ({what})")
-    said = f"{found.repeated} lines came more than once" if found.repeated else ""
-    return ImportResult(who, state, said, session.attempts, session.reason)
+    return ImportResult(who, state, "", session.attempts, session.reason)
 
 
 @contextmanager
@@ -299,17 +324,21 @@ class RebuiltSession:
         self.line: AnyLine = begun
         self.checks = LineCheck(build, begun)
         self.checks.check(begun)
-        tolerance_s = study.web.tolerance_s if study.web else 0.0
         self.begun, self.lines, self.build, self.manifest = begun, lines, build, manifest
         self.study = study.in_a_browser().ordered_by(begun.seed, key)
-        self.display = build.display.at_rate(begun.rate_hz, tolerance_s)
+        self._run_at(begun.rate_hz)
         ordered = study.ordered_by(begun.seed, key)
         self.plan = make_plan(ordered, manifest, begun.participant, begun.slot)
-        self.scripts = Scripts(self.study, self.display, begun.language, manifest)
         self._sources = [begun.n]
         self._now_s = 0.0
         self.attempts = 0
         self.reason = ""
+
+    def _run_at(self, rate_hz: float) -> None:
+        """Take display and scripts of a refresh rate from here on."""
+        tolerance_s = self.study.web.tolerance_s if self.study.web else 0.0
+        self.display = self.build.display.at_rate(rate_hz, tolerance_s)
+        self.scripts = Scripts(self.study, self.display, self.begun.language, self.manifest)
 
     def write(self, folder: Path) -> None:
         """Write the journal with its side files.
@@ -381,6 +410,8 @@ class RebuiltSession:
         """Return the journal's event of a line: what it says, and what follows from the plan."""
         if isinstance(line, ResumeLine):
             self.reason = ""
+            if changed := line.rate_hz != self.display.refresh_hz:
+                self._run_at(line.rate_hz)
             return SessionResume(
                 **recorder.stamps(),
                 revision=self.begun.revision,
@@ -388,6 +419,8 @@ class RebuiltSession:
                 display_report=None,
                 gaze=None,
                 torn_file=None,
+                refresh_hz=line.rate_hz if changed else None,
+                deviations_s=deviations_s(self.study, self.display) if changed else None,
             )
         if isinstance(line, EndLine):
             self._check_end(line, recorder)
@@ -434,7 +467,7 @@ class RebuiltSession:
         planned = (step.trial.id, step.attempt, step.position)
         self._check(line, ("trial", "attempt", "position"), planned, "as the plan has it")
         script = self.scripts.of(step.trial)
-        stage = ReplayedStage(line, self.begun.rate_hz)
+        stage = ReplayedStage(line, self.display.refresh_hz)
         made: list[Attempt] = []
 
         def write(trial: Trial, log: AttemptLog) -> None:

@@ -11,7 +11,7 @@ import re
 import zipfile
 import zlib
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from json import JSONDecoder
@@ -26,6 +26,7 @@ from protocols.errors import StudyError
 from protocols.limits import LIMITS_VARIABLE, check_within, limit
 from protocols.outside import check_zip, reading, shown
 from protocols.study_file.problems import in_words
+from study_app.web.histories import Place, unpacked
 
 _BEGINNING = re.compile(r'(?=\{"study":)')
 """Beginning of a line: within its texts quotes are escaped."""
@@ -53,29 +54,22 @@ class ContradictionError(StudyError):
 class ParticipantLines:
     """All lines of one participant of a study, packed: one archive may hold gigabytes of them."""
 
-    texts: dict[int, bytes] = field(default_factory=dict)
+    told: dict[int, list[bytes]] = field(default_factory=lambda: defaultdict(list))
+    """All different lines of each number."""
     repeated: int = 0
     """Lines that came more than once, and said the same."""
-    conflicts: list[str] = field(default_factory=list)
     simulated: bool = False
     """True if a line says that an artificial observer drove the page."""
 
-    def add(self, line: AnyLine, text: bytes, where: str) -> None:
-        """Take a line, unless it is there already."""
+    def add(self, line: AnyLine, text: bytes) -> None:
+        """Take a line, unless it is there already, or many others have its number."""
         if isinstance(line, StartLine | ResumeLine):
             self.simulated |= line.machine.simulated
-        packed = zlib.compress(text, 1)
-        there = self.texts.setdefault(line.n, packed)
-        if there is packed:
-            return
-        if there == packed or self.line(line.n) == line:
+        packed, there = zlib.compress(text, 1), self.told[line.n]
+        if any(one == packed or unpacked(one) == line for one in there):
             self.repeated += 1
-        elif len(self.conflicts) < _SHOWN:
-            self.conflicts.append(f"{where}: line number {line.n} says two different things")
-
-    def line(self, n: int) -> AnyLine:
-        """Return a line by its number."""
-        return LINE.validate_json(zlib.decompress(self.texts[n]))
+        elif len(there) < _SHOWN:
+            there.append(packed)
 
 
 @dataclass
@@ -126,7 +120,7 @@ class BrowserResults:
             self.damages += 1
             self.damaged += [f"{where}: {wrong}"][: _SHOWN - len(self.damaged)]
         if line is not None:
-            self.found[line.study, line.participant].add(line, text.encode("utf-8"), where)
+            self.found[line.study, line.participant].add(line, text.encode("utf-8"))
 
 
 def _line_of(text: str) -> tuple[AnyLine | None, str]:
@@ -260,25 +254,25 @@ def _unpacked(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, place: Path, mos
     return bytes(text)
 
 
-def whole_lines(found: ParticipantLines) -> Iterator[AnyLine]:
-    """Return the lines of a participant in order.
+def whole_lines(history: Sequence[Place]) -> Iterator[AnyLine]:
+    """Return the lines of a history in order.
 
     Raises
     ------
     ContradictionError
         If the first one, or one between, has not come.
     """
-    count = max(found.texts) + 1
+    count = history[-1].n + 1
     gaps: list[str] = []
     due = 0
-    for n in sorted(found.texts):
+    for n in (place.n for place in history):
         if n > due:
             gaps.append(f"{due}" if n == due + 1 else f"{due} to {n - 1}")
         due = n + 1
     if gaps:
         some = ", ".join(gaps[:5]) + (", ..." if len(gaps) > 5 else "")
         raise ContradictionError(
-            f"{count - len(found.texts):,} of {count:,} lines have not come (numbers {some}); ask"
+            f"{count - len(history):,} of {count:,} lines have not come (numbers {some}); ask"
             " the server for the rest of the results, or the participant for the local copy"
         )
-    return (found.line(n) for n in range(count))
+    return (unpacked(place.packed) for place in history)

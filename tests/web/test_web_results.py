@@ -12,6 +12,7 @@ import zipfile
 import pytest
 
 from protocols.errors import StudyError
+from study_app.web.histories import histories
 from study_app.web.read_results import (
     BrowserResults,
     ContradictionError,
@@ -39,7 +40,8 @@ def read(*texts: bytes) -> BrowserResults:
 def held(inbox: BrowserResults) -> dict[str, list[str]]:
     """Return what was typed, by participant."""
     return {
-        who: [line.text for line in whole_lines(lines)] for (_, who), lines in inbox.found.items()
+        who: [line.text for line in whole_lines(histories(lines.told)[0].history)]
+        for (_, who), lines in inbox.found.items()
     }
 
 
@@ -99,7 +101,7 @@ def test_a_line_that_is_no_utf_8_costs_no_other_its_letters():
 )
 def test_what_is_whole_is_kept_wherever_a_text_was_cut(text, damages):
     inbox = read(text.encode())
-    found = {(who, n) for (_, who), lines in inbox.found.items() for n in lines.texts}
+    found = {(who, n) for (_, who), lines in inbox.found.items() for n in lines.told}
     lost = {
         (who, n) for who in ("A1", "B2") for n in (0, 1) if json_of(who, n) not in text
     }  # the test's own count
@@ -115,7 +117,7 @@ def test_lines_that_have_not_come_are_counted_and_not_listed():
     lines = read((ONE + said("A1", 10**9)).encode()).found["s", "A1"]
     tracemalloc.start()
     with pytest.raises(ContradictionError) as refused:
-        whole_lines(lines)
+        whole_lines(histories(lines.told)[0].history)
     assert "999,999,998 of 1,000,000,001 lines have not come (numbers 2 to 999999999)" in str(
         refused.value
     )
@@ -255,4 +257,4 @@ def test_lines_are_kept_small():
     assert tracemalloc.get_traced_memory()[0] < len(text) / 4
     tracemalloc.stop()
     lines = inbox.found["s", "A1"]
-    assert len(list(whole_lines(lines))) == 30
+    assert len(list(whole_lines(histories(lines.told)[0].history))) == 30

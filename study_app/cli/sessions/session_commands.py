@@ -13,7 +13,8 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from protocols.errors import StudyError, count_of, must_be_one_of
-from protocols.journal import Attempt, Remote, SessionEnd, SessionStart
+from protocols.journal import Attempt, SessionEnd, SessionStart
+from protocols.journal_file import Journal
 from protocols.latency import LatencySummary
 from protocols.load import load_study
 from protocols.manifest import read_manifest
@@ -308,16 +309,18 @@ def _data_of(start: SessionStart) -> str:
     return f"rehearsal ({' and '.join(stand_ins)})" if stand_ins else "real"
 
 
-def _browser(remote: Remote | None) -> list[tuple[str, str]]:
+def _browser(journal: Journal) -> list[tuple[str, str]]:
     """Return the evidence for a session in a browser; nothing for one at a desk."""
-    if remote is None:
+    remote, off_s = journal.start.remote, journal.time_off_s
+    if remote is None or off_s is None:
         return []
-    machine, off_s = remote.machine, max(map(abs, remote.deviations_s.values()), default=0.0)
+    machine = remote.machine
     return [
         (
             "browser",
             f"{machine.browser}, {machine.refresh_hz:g} Hz, screen pixels x{machine.scale}",
         ),
+        *(("went on at", change) for change in journal.rate_changes),
         ("frames", "files hashed before they were decoded; stamped by animation frames"),
         ("times", f"up to {1000 * off_s:.3g} ms from those stated"),
         ("slot from", remote.slot_from),
@@ -344,7 +347,7 @@ def _details(session: SessionFolder) -> list[tuple[str, str]]:
             ("begun", start.at),
             ("display", f"{start.display}, {start.refresh_hz:g} Hz"),
             ("gaze", f"{start.gaze_mode} ({gaze})"),
-            *_browser(start.remote),
+            *_browser(journal),
             ("decisions", f"{session.main_done} of {start.trials}"),
         ]
     now = standing(journal.events)
