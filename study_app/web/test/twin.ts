@@ -23,7 +23,7 @@ type Asked =
   | { ask: "attempt"; script: TrialScript; observed: Observed[] }
   | { ask: "session"; study: WebStudy; begun: Begun; faults: Faults; luck: number; page: Opened };
 
-/** How pages are opened: when the first is, by which history, at which rates; the last one's goes on. */
+/** Openings of pages: when the first is, its history, the rates, of which the last one goes on. */
 interface Opened {
   readonly opened_s: number;
   readonly past: History | null;
