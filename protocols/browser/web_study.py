@@ -28,7 +28,7 @@ from protocols.make_script import Scripts
 from protocols.plan import rounds
 from protocols.script import Fill, Frames, Grey, PixelSize, Place, ScriptQuestion, TrialScript
 from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import ClosingQuestion, Keys
+from protocols.study_file.session_schema import ClosingQuestion, KeyName, Keys
 from protocols.tasks import base
 from protocols.units import (
     Count,
@@ -401,6 +401,8 @@ class WebPages(Model):
     preparing: Text
     quit_question: Text
     thanks: Text
+    key_names: dict[KeyName, Text]
+    """Names of the keys that are used, for the first page."""
     questions: tuple[ClosingQuestion, ...]
 
 
@@ -425,6 +427,8 @@ class WebStudy(Model):
     design: WebDesign
     break_s: Annotated[float, Field(ge=0)]
     """Shortest break between two blocks."""
+    duration_s: Annotated[float, Field(ge=0)]
+    """Length of a session, answers in 1.5 s: the first page says it."""
     rates: Annotated[tuple[RefreshRate, ...], Field(min_length=1)]
     dropped_max: Count
     """More missed refreshes than this make an attempt void."""

@@ -48,7 +48,7 @@ from protocols.plan import planned_trials
 from protocols.revision import code_revision
 from protocols.script import Drawn, Entry, Frames, Live, Picture, PixelSize, Place, TrialScript
 from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import consent_text, filled_text
+from protocols.study_file.session_schema import consent_text, filled_text, key_label
 from study_app.clips import check_files, frame_bytes
 from study_app.paint import Bitmaps, PixelBytes, bitmaps_of, drawn
 
@@ -274,6 +274,7 @@ class WebBuild:
             screen_px=self._any_script.size_px,
             design=design,
             break_s=self.study.design.break_s,
+            duration_s=needs.duration_s,
             rates=tuple(self._rate(rate) for rate in needs.rates_hz),
             dropped_max=self.study.trial.dropped_frames_max,
             continue_keys=self.study.response.continue_keys,
@@ -307,8 +308,18 @@ class WebBuild:
             preparing=filled(texts.preparing),
             quit_question=filled(texts.quit_question),
             thanks=filled(texts.thanks),
+            key_names={key: key_label(key, texts.key_names) for key in self._keys},
             questions=texts.questions,
         )
+
+    @cached_property
+    def _keys(self) -> list[str]:
+        """The keys that a participant may press, each once."""
+        asked = (phase.question for script in self._all_scripts() for phase in script.phases)
+        answers = [keys for question in asked if question for keys in question.keys]
+        own = self.study.response
+        every = (*answers, own.continue_keys, own.pause_keys, own.quit_keys)
+        return sorted({key for keys in every for key in keys})
 
     @property
     def _any_script(self) -> TrialScript:

@@ -12,6 +12,9 @@ from protocols.journal import Note
 from protocols.journal_file import read_journal
 from study_app.web.import_lines import DISTURBANCES
 
+WITHDRAW = "for (const time of [1, 2]) document.querySelector('button.withdraw').click()"
+"""Press, and once more when asked."""
+
 
 @pytest.fixture(scope="module")
 def of(case):
@@ -152,7 +155,7 @@ def test_who_leaves_may_come_back_or_withdraw(chromium, site):
     assert chromium.text().startswith("You have left the study.")
     assert said(site.lines, "end")[-1]["reason"] == "quit"
     assert site.ended is None
-    chromium.evaluate("document.querySelector('button.withdraw').click()")
+    chromium.evaluate(WITHDRAW)
     until(chromium, "document.title === 'aborted'")
     assert site.results == []
 

@@ -14,6 +14,7 @@ from study_app.web.read_results import read_web_results
 
 OVER = "document.querySelector('main')?.dataset.page === 'over'"
 SAVED = "fetch(document.querySelector('main a[download]').href).then((file) => file.text())"
+WITHDRAW = "for (const time of [1, 2]) document.querySelector('button.withdraw').click()"
 LINES = "Object.entries(localStorage).find(([name]) => name.endsWith(':lines'))?.[1] ?? ''"
 
 
@@ -169,12 +170,12 @@ def test_a_withdrawal_that_a_server_refuses_is_said_and_may_be_tried_again(chrom
         until(chromium, OVER)
         assert site.lines
         site.refuses = True
-        chromium.evaluate("document.querySelector('button.withdraw').click()")
+        chromium.evaluate(WITHDRAW)
         until(chromium, "document.querySelector('button.withdraw')?.innerText.includes('wrong')")
         assert not chromium.evaluate("document.querySelector('button.withdraw').disabled")
         assert site.lines
         site.refuses = False
-        chromium.evaluate("document.querySelector('button.withdraw').click()")
+        chromium.evaluate(WITHDRAW)
         until(chromium, "document.title === 'aborted'")
         assert site.results == []
         assert chromium.text().startswith("All your answers were deleted.")

@@ -4,7 +4,8 @@ import type { WebStudy } from "./kernel/formats";
 import { LineLog, type Begun } from "./kernel/lines";
 import { FileError, fetched, Files, sha256 } from "./stage/files";
 import { checkDevice, machineOf, measuredRate, nearestRate, Refusal, scaleOf } from "./stage/gate";
-import { cover, fillScreen, Screen, showNote } from "./stage/screen";
+import { copyLink, firstPage, withdrawal } from "./stage/first_page";
+import { cover, fillScreen, lineOf, Screen, showNote } from "./stage/screen";
 import { filled, wordsOf, type Words } from "./stage/words";
 import { holdLink, type Hold } from "./store/one_tab";
 import { CopyingStore, JatosStore, LocalStore, insist, UnsentError, type Jatos, type Told } from "./store/stores";
@@ -25,11 +26,12 @@ export interface Options {
   readonly rest?: (ending: Ending) => Promise<void>;
 }
 
-/** True if a participant who opens the page goes on with a session. */
+/** True if a session goes on that was begun before, or came to its end here. */
 export function begun(options: Options = {}): Promise<boolean> {
   return overLine(async (told) => {
     const [, study] = await studyOf(options, told);
-    return (await storeOf(options, study).load()) !== null;
+    const store = storeOf(options, study);
+    return store.local?.used === true || (await store.load()) !== null;
   });
 }
 
@@ -72,7 +74,7 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     document.documentElement.lang = language;
     document.title = study.title;
     checkDevice(study, words);
-    await pressed(pages, study.title, past ? words.resume : words.start);
+    if (!(await firstPage(pages, study, language, words, store))) return "refused";
     await fillScreen();
     const size = await cover(canvas);
     const scale = scaleOf(study, words, size, devicePixelRatio);
@@ -86,7 +88,7 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     const pictures = await files.pictures();
     const screen = new Screen(canvas, pages, study, files, words, scale, pictures);
     const stamps = () => screen.stamps();
-    const machine = machineOf(measured, size, scale, link.has("simulated"));
+    const machine = machineOf(measured, size, scale);
     const { refresh_hz } = rate;
     const lines = past
       ? await LineLog.reopened(store, study, stamps, past, refresh_hz, machine)
@@ -101,11 +103,11 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
       const unsent = error instanceof UnsentError;
       const what = unsent ? words.unsent : filled(words.broken, { why: messageOf(error) });
       showNote(pages, what, words.again);
-      pages.append(copyLink(words.save, study.study, store.lines()));
+      pages.append(copyLink(words.save, study.study, store.lines(), words, null));
       throw error;
     }
     await options.rest?.(ending);
-    await thank(study, language, words, pages, ending, store.lines(), options.jatos);
+    await thank(study, language, words, pages, ending, store, options.jatos);
     return ending;
   } catch (error) {
     const why = messageOf(error);
@@ -178,24 +180,6 @@ function stageElements(): [HTMLCanvasElement, HTMLElement] {
   return [canvas, pages];
 }
 
-/** Wait for a click or key, which a browser wants before it gives the full screen. */
-function pressed(pages: HTMLElement, title: string, label: string): Promise<void> {
-  const heading = document.createElement("h1");
-  heading.dir = "auto";
-  heading.textContent = title;
-  const start = document.createElement("button");
-  start.textContent = label;
-  pages.replaceChildren(heading, start);
-  pages.dataset["page"] = "gate";
-  pages.hidden = false;
-  start.focus();
-  return new Promise((resolve) => {
-    start.addEventListener("click", () => {
-      resolve();
-    });
-  });
-}
-
 function languageOf(study: WebStudy, link: URLSearchParams): string {
   const wanted = [link.get("language"), ...navigator.languages];
   const known = Object.keys(study.pages);
@@ -249,52 +233,39 @@ async function thank(
   words: Words,
   pages: HTMLElement,
   ending: Ending,
-  lines: string,
+  store: CopyingStore,
   jatos: Jatos | undefined,
 ): Promise<void> {
   if (document.fullscreenElement) await document.exitFullscreen();
   const thanks = ending === "completed" ? study.pages[language]?.thanks : undefined;
   showNote(pages, thanks ?? (ending === "quit" ? words.left : words.over));
+  const code: HTMLElement[] = [];
   if (ending === "completed" && study.completion_code !== null) {
-    const code = document.createElement("p");
-    code.textContent = filled(words.code, { code: study.completion_code });
-    pages.append(code);
+    code.push(lineOf(filled(words.code, { code: study.completion_code })));
   }
-  if (!jatos) pages.append(copyLink(words.save, study.study, lines));
+  pages.append(...code);
+  const quit = ending === "quit";
+  const withdraws = withdrawal(words, store.store, () => {
+    showNote(pages, words.withdrawn);
+    pages.append(...code);
+  });
+  if (!jatos) {
+    const lines = store.lines();
+    pages.append(
+      copyLink(quit ? words.saveEnds : words.save, study.study, lines, words, () => {
+        store.local?.forget(lines);
+        withdraws.remove(); // the file is the participant's own
+      }),
+    );
+  }
   if (ending === "completed" && study.completion_url !== null) {
     const back = document.createElement("a");
     back.href = study.completion_url;
     back.textContent = words.go;
     pages.append(back);
   }
-  if (jatos && ending === "quit") pages.append(withdrawal(words, pages, jatos));
-  else if (jatos) await insist(() => jatos.endStudy(ending === "completed"));
-}
-
-/** A button by which a participant takes back all that was sent. */
-function withdrawal(words: Words, pages: HTMLElement, jatos: Jatos): HTMLButtonElement {
-  const button = document.createElement("button");
-  button.className = "withdraw";
-  button.textContent = words.withdraw;
-  button.addEventListener("click", () => {
-    button.disabled = true;
-    insist(() => jatos.abortStudy("withdrawn by the participant"), undefined, 6)
-      .then(() => {
-        showNote(pages, words.withdrawn);
-      })
-      .catch((error: unknown) => {
-        button.disabled = false;
-        button.textContent = filled(words.broken, { why: messageOf(error) });
-      });
-  });
-  return button;
-}
-
-/** A link that saves the lines as a file. */
-function copyLink(label: string, study: string, lines: string): HTMLAnchorElement {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([lines], { type: "text/plain" }));
-  link.download = `${study}.txt`;
-  link.textContent = label;
-  return link;
+  const buttons = document.createElement("nav");
+  buttons.append(withdraws);
+  if (!jatos || quit) pages.append(buttons);
+  else await insist(() => jatos.endStudy(ending === "completed"));
 }

@@ -34,7 +34,7 @@
   };
   const read = (main) => {
     const leaves = observer.leave.includes(main.dataset.page);
-    const button = main.querySelector(leaves ? "button.leave" : "button:not(.withdraw)");
+    const button = main.querySelector(leaves ? "button.leave" : "button:not(.withdraw, .other)");
     if (!button || button.disabled || button.seen) return;
     button.seen = true;
     setTimeout(() => {

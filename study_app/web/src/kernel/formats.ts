@@ -11,6 +11,7 @@ export interface WebStudy {
   readonly default_language: string;
   readonly design: WebDesign;
   /** More missed refreshes than this make an attempt void. */ readonly dropped_max: number;
+  /** Length of a session, answers in 1.5 s: the first page says it. */ readonly duration_s: number;
   /** Version of the file format. */ readonly format: 1;
   /** Parameter of the link whose value is kept. */ readonly identifier: string | null;
   readonly manifest_sha256: string;
@@ -157,6 +158,7 @@ export interface WebPages {
   /** `{done}` and `{total}` stand for numbers of blocks. */ readonly break_page: string;
   readonly consent: string;
   readonly instructions: readonly string[];
+  /** Names of the keys that are used, for the first page. */ readonly key_names: Readonly<Record<string, string>>;
   readonly paused: string;
   readonly practice: string;
   readonly preparing: string;

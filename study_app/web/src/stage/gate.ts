@@ -91,7 +91,6 @@ export function machineOf(
   measured: { refresh_hz: number; missed_share: number },
   window_px: readonly [number, number],
   scale: number,
-  simulated: boolean,
 ): Machine {
   const gamuts = ["rec2020", "p3", "srgb"] as const;
   return {
@@ -103,6 +102,6 @@ export function machineOf(
     color_gamut: gamuts.find((name) => matchMedia(`(color-gamut: ${name})`).matches) ?? "unknown",
     full_screen: document.fullscreenElement !== null,
     touch: navigator.maxTouchPoints > 0,
-    simulated,
+    simulated: "metamerlabSimulated" in globalThis, // set by what drives the page: no link can
   };
 }

@@ -193,15 +193,16 @@ export async function fillScreen(): Promise<void> {
 
 /** Show texts that wait for nothing. */
 export function showNote(element: HTMLElement, ...texts: readonly string[]): void {
-  element.replaceChildren(...texts.map(paragraph));
+  element.replaceChildren(...texts.map((text) => lineOf(text)));
   element.hidden = false;
 }
 
-function paragraph(text: string): HTMLParagraphElement {
-  const made = document.createElement("p");
-  made.dir = "auto";
-  made.textContent = text;
-  return made;
+/** A line of text, in the direction of its script. */
+export function lineOf(text: string, tag: "p" | "h1" | "kbd" = "p"): HTMLElement {
+  const line = document.createElement(tag);
+  line.dir = "auto";
+  line.textContent = text;
+  return line;
 }
 
 function showPage(
@@ -211,7 +212,7 @@ function showPage(
   words: Words,
 ): Promise<PageResult> {
   const began_ms = performance.now();
-  const texts = page.text.split("\n").map(paragraph);
+  const texts = page.text.split("\n").map((line) => lineOf(line));
   const field = page.question ? answerField(page.question.choices, page.draft) : null;
   const next = button(page.name === "consent" ? words.agree : words.next);
   const leave = button(words.leave, "leave");
@@ -268,7 +269,8 @@ function doneBar(share: number): HTMLProgressElement {
   return made;
 }
 
-function button(text: string, kind = "next"): HTMLButtonElement {
+/** A button of one of the kinds that the style sheet knows. */
+export function button(text: string, kind = "next"): HTMLButtonElement {
   const made = document.createElement("button");
   made.type = "button";
   made.className = kind;

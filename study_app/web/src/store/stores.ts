@@ -97,6 +97,18 @@ export class JatosStore implements Store {
     }
   }
 
+  /** Make place for another participant: this run of the study ends, since who withdraws deletes all of it. */
+  async leave(): Promise<void> {
+    const past = await this.load();
+    if (past) await this.send(past.last);
+    await insist(() => this.jatos.endStudy(false));
+  }
+
+  /** Delete all that was said. */
+  async withdraw(): Promise<void> {
+    await insist(() => this.jatos.abortStudy("withdrawn by the participant"), undefined, 6);
+  }
+
   private upload(line: string): Promise<unknown> {
     const { run, n } = JSON.parse(line) as { run: number; n: number };
     return this.jatos.uploadResultFile(line, `lines-${run}-${n}.txt`);
@@ -105,6 +117,9 @@ export class JatosStore implements Store {
 
 /** The browser's own storage: for folders on a plain web server. Lines are saved as a file. */
 export class LocalStore implements Store {
+  /** Participant of this page. */
+  private who: string | null = null;
+
   constructor(
     private readonly name: string,
     private readonly storage: Storage,
@@ -112,10 +127,13 @@ export class LocalStore implements Store {
 
   load(): Promise<History | null> {
     const text = this.storage.getItem(`${this.name}:history`);
-    return Promise.resolve(text === null ? null : (JSON.parse(text) as History));
+    const history = text === null ? null : (JSON.parse(text) as History);
+    this.who = history?.begun.participant ?? null;
+    return Promise.resolve(history);
   }
 
   keep(history: History): Promise<void> {
+    this.who = history.begun.participant;
     this.storage.setItem(`${this.name}:history`, JSON.stringify(history));
     return Promise.resolve();
   }
@@ -129,6 +147,53 @@ export class LocalStore implements Store {
   lines(): string {
     return this.storage.getItem(`${this.name}:lines`) ?? "";
   }
+
+  /** True if the last session came to its end here and was forgotten. */
+  get used(): boolean {
+    return this.storage.getItem(`${this.name}:used`) !== null;
+  }
+
+  /** Lines that participants before have left, and nobody has saved. */
+  left(): string {
+    return this.storage.getItem(`${this.name}:left`) ?? "";
+  }
+
+  /** Make place for another participant, and lose nothing of this one's. */
+  async leave(): Promise<void> {
+    const last = (await this.load())?.last ?? "";
+    const lines = this.lines();
+    const all = lines.endsWith(last) ? lines : lines + last;
+    if (all) this.storage.setItem(`${this.name}:left`, this.left() + all); // first: nothing is lost
+    for (const what of ["history", "lines", "used"]) this.storage.removeItem(`${this.name}:${what}`);
+  }
+
+  /** Forget lines that were saved, of a session at its end or of participants before. */
+  forget(saved: string): void {
+    const own = this.lines() !== "";
+    this.remove((line) => saved.includes(line));
+    if (own && !this.lines()) this.storage.setItem(`${this.name}:used`, "1");
+  }
+
+  /** Delete all that this page's participant said. */
+  withdraw(): Promise<void> {
+    const { who } = this;
+    if (who) this.remove((line) => line.includes(`"participant":"${who}"`));
+    return Promise.resolve();
+  }
+
+  /** Remove lines. Another participant's stay: a second tab may have begun a session since. */
+  private remove(which: (line: string) => boolean): void {
+    for (const what of ["lines", "left"]) {
+      const lines = (this.storage.getItem(`${this.name}:${what}`) ?? "").split(/(?<=\n)/);
+      const others = lines.filter((line) => !which(line)).join("");
+      if (others) this.storage.setItem(`${this.name}:${what}`, others);
+      else this.storage.removeItem(`${this.name}:${what}`);
+    }
+    const history = this.storage.getItem(`${this.name}:history`);
+    if (history && which((JSON.parse(history) as History).last)) {
+      this.storage.removeItem(`${this.name}:history`);
+    }
+  }
 }
 
 /** Keeps a copy of every line, so that a participant can save them where sending fails. */
@@ -139,9 +204,14 @@ export class CopyingStore implements Store {
 
   /** `name` tells this link's store from all others of the browser. */
   constructor(
-    private readonly store: Store,
+    readonly store: LocalStore | JatosStore,
     readonly name: string,
   ) {}
+
+  /** The browser's own storage, where no server is. */
+  get local(): LocalStore | null {
+    return this.store instanceof LocalStore ? this.store : null;
+  }
 
   load(): Promise<History | null> {
     return this.store.load();
@@ -166,7 +236,7 @@ export class CopyingStore implements Store {
 
   /** All lines so far; of JATOS, those since the page was opened. */
   lines(): string {
-    const before = this.store instanceof LocalStore ? this.store.lines() : "";
+    const before = this.local?.lines() ?? "";
     return before + [...this.copy].filter((line) => !before.includes(line)).join("");
   }
 }
