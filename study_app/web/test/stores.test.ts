@@ -23,7 +23,7 @@ const lineOf = (participant: string, n: number) => `{"study":"s","participant":"
 
 /** Let a participant say so many lines in a page of its own. */
 async function says(store: LocalStore, participant: string, lines: number): Promise<void> {
-  const of = { slot: 0, slot_from: "link", seed: 1, language: "en", rate_hz: 60, identifier: null } as const;
+  const of = { slot: 0, slot_from: "link", seed: 1, language: "en", rate_hz: 60, identifier: null, places_key: null } as const;
   for (let n = 0; n < lines; n++) {
     const last = lineOf(participant, n);
     const history: History = { begun: { participant, ...of }, run: 0, next: n + 1, events: [], last };
