@@ -94,7 +94,7 @@ def _placed(
 
 
 def left_by(kept: Sequence[Place], told: Mapping[int, Sequence[bytes]]) -> str:
-    """Return how many lines of which run a history leaves, in words; empty: none."""
+    """Return the number of lines of each run that a history leaves, in words; empty: none."""
     ours = {id(place.packed) for place in kept}
     left = [text for texts in told.values() for text in texts if id(text) not in ours]
     runs = sorted(Counter(unpacked(text).run for text in left).items())

@@ -43,6 +43,7 @@ class Chromium:
         self._unread = b""
         self._number = 0
         self._target = self._session = ""
+        self._aside = ("", "")
         self.context = ""
         """Of the DevTools protocol: what pages share their storage."""
         self._loaded = False
@@ -112,6 +113,10 @@ class Chromium:
         for script in scripts:
             self.devtools("Page.addScriptToEvaluateOnNewDocument", source=script)
         self.go(url)
+
+    def swap(self) -> None:
+        """Turn to the tab that was put aside, and put this one aside."""
+        (self._target, self._session), self._aside = self._aside, (self._target, self._session)
 
     def go(self, url: str) -> None:
         """Load another page in the same tab."""

@@ -60,6 +60,9 @@ class Browser(Protocol):
     def close(self) -> None:
         """End the tab as a participant does."""
 
+    def swap(self) -> None:
+        """Turn to the tab that was put aside, and put this one aside."""
+
     @property
     def errors(self) -> list[str]:
         """Errors in the page so far."""
@@ -94,6 +97,9 @@ class Firefox:
 
     def close(self) -> None:
         self.ask("close")
+
+    def swap(self) -> None:
+        self.ask("swap")
 
     @property
     def errors(self) -> list[str]:

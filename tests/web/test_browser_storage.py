@@ -17,6 +17,17 @@ SAVED = "fetch(document.querySelector('main a[download]').href).then((file) => f
 WITHDRAW = "for (const time of [1, 2]) document.querySelector('button.withdraw').click()"
 LINES = "Object.entries(localStorage).find(([name]) => name.endsWith(':lines'))?.[1] ?? ''"
 
+# The observer turns no page of this name: whatever is there waits.
+STOPS = """
+observer.each = () => {
+  const main = document.querySelector("main");
+  if (main?.dataset.page !== "NAME") return;
+  for (const button of main.querySelectorAll("button")) button.seen = true;
+};
+"""
+STARTS = "document.querySelector('main')?.dataset.page === 'start'"
+BUSY = "document.querySelector('main')?.innerText.startsWith('This study is open in another tab')"
+
 
 def numbers(lines: list[str]) -> set[int]:
     return {json.loads(line)["n"] for line in lines}
@@ -35,10 +46,15 @@ def test_a_folder_without_jatos_keeps_its_lines_and_goes_on_after_a_closed_tab(
 ):
     browser, of = request.getfixturevalue(kind), case("yes-no")
     with served(of.out, jatos=False) as site:
-        begin(browser, site)
-        until(browser, f"({LINES}).split('\"attempt\"').length > 3")
+        begin(browser, site, STOPS.replace("NAME", "start"))
+        until(browser, STARTS)
+        assert len(browser.evaluate(LINES).split('"attempt"')) > 3
+        browser.swap()  # the other tab waits until this one is closed
+        begin(browser, site, STOPS.replace("NAME", "busy"), anew=False)
+        until(browser, BUSY)
+        browser.swap()
         browser.close()
-        begin(browser, site, anew=False)
+        browser.swap()
         until(browser, OVER)
         assert browser.errors == []
         saved = browser.evaluate(SAVED)
@@ -55,6 +71,35 @@ def test_a_folder_without_jatos_keeps_its_lines_and_goes_on_after_a_closed_tab(
     assert len(done) == len(set(done))
     assert [json.loads(line)["n"] for line in lines] == [*range(len(lines))]
     assert session_in(of, again.splitlines(keepends=True), tmp_path / "b").attempts
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["chromium", "firefox"])
+def test_a_tab_that_asks_goes_on_at_its_own_refresh_rate_and_the_other_says_so(
+    request, kind, case, tmp_path
+):
+    browser, of = request.getfixturevalue(kind), case("yes-no")
+    with served(of.out) as site:
+        begin(browser, site, "clock.hz = 120;", STOPS.replace("NAME", "start"))
+        until(browser, STARTS)
+        browser.swap()
+        begin(browser, site, "clock.hz = 67;", STOPS.replace("NAME", "busy"), anew=False)
+        until(browser, BUSY)
+        before = len({*site.lines})
+        browser.evaluate("document.querySelector('main button').click()")
+        until(browser, "document.querySelector('main')?.innerText.includes('screen has 67')")
+        assert len({*site.lines}) == before
+        browser.swap()
+        assert browser.text().startswith("The study goes on in another tab")
+        browser.close()
+        browser.swap()
+        whole(browser, site, anew=False)
+        assert browser.errors == []
+    journal = session_in(of, site.lines, tmp_path)
+    (resumed,) = [event for event in journal.events if isinstance(event, SessionResume)]
+    assert (journal.start.refresh_hz, resumed.refresh_hz) == (120, 60)
+    assert numbers(site.lines) == {*range(len({*site.lines}))}
+    assert len({json.loads(line)["opening"] for line in site.lines}) == 2
 
 
 @pytest.mark.slow

@@ -11,6 +11,8 @@ interface Orders {
   open: { url: string; scripts: string[]; size: [number, number]; anew: boolean };
   evaluate: { script: string };
   close: object;
+  /** Turn to the tab that was put aside, and put this one aside. */
+  swap: object;
   /** Errors in the page so far. */
   errors: object;
   quit: object;
@@ -20,6 +22,7 @@ type Order = { [K in keyof Orders]: { order: K } & Orders[K] }[keyof Orders];
 let browser: Browser | null = null;
 let context: BrowserContext | null = null;
 let page: Page | null = null;
+let aside: Page | null = null;
 let errors: string[] = [];
 
 function there<T>(what: T | null): T {
@@ -57,6 +60,9 @@ async function obey(order: Order): Promise<unknown> {
     }
     case "evaluate":
       return there(page).evaluate(order.script);
+    case "swap":
+      [page, aside] = [aside, page];
+      return null;
     case "close":
       return close();
     case "errors":

@@ -38,6 +38,7 @@ window.jatos = (() => {
   const jatos = {
     version: "3.10.4",
     studySessionData: state.session,
+    studyResultUuid: "a-study-run",
     urlQueryParameters: link,
     onLoad: (call) => { if (document.readyState === "complete") call(); else addEventListener("load", call); },
     appendResultData: async (data) => {
