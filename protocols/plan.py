@@ -1,15 +1,17 @@
 """The trial list of one participant: a pure function of protocol, manifest, code and slot.
 
 A slot has a place in the counterbalancing, in order of arrival or drawn. The place says which
-arrangement comes first, which key stands for what, and which row orders the scenes. Places come
-round: every so many of them, a round has balanced everything.
+arrangement comes first, which key stands for what, and which row orders the scenes; in a browser,
+also which share of the scenes is shown. Places come round: every so many of them, a round has
+balanced everything.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from math import lcm
+from dataclasses import replace
+from math import gcd, lcm
 
 from protocols.disk.hashing import Chance, sha256_json
 from protocols.errors import StudyError
@@ -49,14 +51,49 @@ def arrival_shows(study: StudyProtocol) -> bool:
 
 def rounds(study: StudyProtocol) -> tuple[int, int]:
     """Return after how many places arrangements and keys are balanced, and the scenes as well."""
-    design, task, scenes = study.design, study.task, study.main_scenes()
+    design, task = study.design, study.task
+    _, each, count = _walk(study)
     arrangements = {len(cell.arrangements) for cell in task.cells(study.pool)}
     keys = 4 if design.side == "by-participant" else 1  # they turn after every second place
     short = min(lcm(keys, *arrangements), _MOST)
-    rows = len(scenes) if design.scene_order == "balanced" and task.adaptation is None else 1
+    rows = each if design.scene_order == "balanced" and task.adaptation is None else 1
     if rows % 2 and rows > 1:
         rows *= 2  # an odd square needs its mirror image
-    return short, lcm(short, rows)
+    return short, lcm(short, rows) * count
+
+
+def _walk(study: StudyProtocol) -> tuple[tuple[str, ...], int, int]:
+    """Return all scenes, how many a place shows, and after how many places all are shown alike."""
+    scenes = study.main_scenes()
+    each = max(1, round(study.scene_share * len(scenes)))
+    return scenes, each, len(scenes) // gcd(len(scenes), each)
+
+
+def windows(study: StudyProtocol) -> int:
+    """Return after how many places every scene is shown equally often; 1 if each shows all."""
+    return _walk(study)[-1]
+
+
+def scenes_at(study: StudyProtocol, place: int) -> tuple[str, ...]:
+    """Return the scenes that a place shows, in the order of the pool.
+
+    They are a window that moves on by its own length, from place to place. Where the windows have
+    come round with arrangements and keys, it moves once more, so that each window meets each of
+    these equally often in the end.
+    """
+    scenes, each, count = _walk(study)
+    if count == 1:
+        return scenes
+    first = (place + place // lcm(rounds(study)[0], count)) % count * each
+    shown = {(first + step) % len(scenes) for step in range(each)}
+    return tuple(scene for index, scene in enumerate(scenes) if index in shown)
+
+
+def _shown(study: StudyProtocol, scenes: tuple[str, ...], cells: list[Cell]) -> list[Cell]:
+    """Return the cells of a participant's scenes; all, where no scene is among them."""
+    if study.scene_share == 1.0:
+        return cells
+    return [cell for cell in cells if cell.scene in scenes] or cells
 
 
 def _drawn(number: int, count: int, chance: Chance) -> int:
@@ -161,17 +198,18 @@ def planned_trials(study: StudyProtocol, participant: str, slot: int) -> tuple[P
     design = study.design
     chance = Chance(study.order_seed, participant, slot, "plan")
     place = place_of(study, slot)
-    main = _main_trials(study, place, chance)
+    scenes = scenes_at(study, place)
+    main = _main_trials(study, scenes, place, chance)
     if design.blocks > len(main):
         raise StudyError(
             f"design.blocks: must not be more than the main trials, {len(main)}"
             f" (got {design.blocks})"
         )
-    blocks: dict[int, list[PlannedTrial]] = {0: _practice_trials(study, place, chance)}
+    blocks: dict[int, list[PlannedTrial]] = {0: _practice_trials(study, scenes, place, chance)}
     for index, trial in enumerate(main):
         number = 1 + index * design.blocks // len(main)
         blocks.setdefault(number, []).append(_changed(trial, block=number))
-    for number, catch in _catch_trials(study, place, chance):
+    for number, catch in _catch_trials(study, scenes, place, chance):
         after = chance.below(len(blocks[number])) + 1  # never the first of its block
         blocks[number].insert(after, _changed(catch, block=number))
     trials: list[PlannedTrial] = []
@@ -201,9 +239,11 @@ def chosen(
     ]
     tries = sum(attempt.trial == trial.id for attempt in attempts)
     turn = Turn(trial.condition, past, (plan.seed, plan.participant, plan.slot), trial.id, tries)
-    cell = rule.choose(study.task, study.pool, turn)
+    place = place_of(study, plan.slot)
+    pool = replace(study.pool, scenes=scenes_at(study, place))
+    cell = rule.choose(study.task, pool, turn)
     several = len(cell.arrangements) > 1
-    arrangement = cell.arranged(len(past) + place_of(study, plan.slot) if several else 0)
+    arrangement = cell.arranged(len(past) + place if several else 0)
     return trial.model_copy(
         update={
             "condition": dict(arrangement.condition),
@@ -311,9 +351,11 @@ def _changed(trial: PlannedTrial, **update: object) -> PlannedTrial:
     return trial.model_copy(update=update)
 
 
-def _main_trials(study: StudyProtocol, place: int, chance: Chance) -> list[PlannedTrial]:
+def _main_trials(
+    study: StudyProtocol, scenes: tuple[str, ...], place: int, chance: Chance
+) -> list[PlannedTrial]:
     """Return the main trials in order: all of the first repeat, then all of the second, ..."""
-    rule = study.task.adaptation
+    rule, pool = study.task.adaptation, replace(study.pool, scenes=scenes)
     if rule is not None:
         check_trials(rule.trials)
         return [
@@ -327,10 +369,9 @@ def _main_trials(study: StudyProtocol, place: int, chance: Chance) -> list[Plann
                 answers=study.task.answers(),
                 track=entry.track,
             )
-            for number, entry in enumerate(rule.slots(study.task, study.pool, chance))
+            for number, entry in enumerate(rule.slots(study.task, pool, chance))
         ]
-    pool = study.pool
-    scenes, cells = pool.scenes, study.task.cells(pool)
+    cells = _shown(study, scenes, study.task.cells(study.pool))
     check_trials(len(cells) * study.design.repeats)
     if not cells:
         raise StudyError(
@@ -341,28 +382,30 @@ def _main_trials(study: StudyProtocol, place: int, chance: Chance) -> list[Plann
     for cell in cells:
         of_scene[cell.scene].append(cell)
     ordered: list[tuple[int, Cell]] = []
-    rounds = 0
+    row = place // windows(study)
     for repeat in range(study.design.repeats):
         if study.design.scene_order == "random":
             ordered += [(repeat, cell) for cell in chance.shuffled(cells)]
             continue
         queues = {scene: chance.shuffled(of_scene[scene]) for scene in scenes}
         while any(queues.values()):
-            for index in latin_row(len(scenes), place + rounds):
+            for index in latin_row(len(scenes), row):
                 if queues[scenes[index]]:
                     ordered.append((repeat, queues[scenes[index]].pop()))
-            rounds += 1
+            row += 1
     return [
         _trial(study, "main", number, cell, repeat, repeat + place)
         for number, (repeat, cell) in enumerate(ordered)
     ]
 
 
-def _practice_trials(study: StudyProtocol, place: int, chance: Chance) -> list[PlannedTrial]:
+def _practice_trials(
+    study: StudyProtocol, scenes: tuple[str, ...], place: int, chance: Chance
+) -> list[PlannedTrial]:
     practice = study.design.practice
     if practice is None:
         return []
-    cells = chance.shuffled(study.practice_cells())
+    cells = chance.shuffled(_shown(study, scenes, study.practice_cells()))
     if not cells:
         raise StudyError("design.practice: must have a scene with the stimuli that the task needs")
     check_trials(practice.trials * practice.rounds)
@@ -374,14 +417,14 @@ def _practice_trials(study: StudyProtocol, place: int, chance: Chance) -> list[P
 
 
 def _catch_trials(
-    study: StudyProtocol, place: int, chance: Chance
+    study: StudyProtocol, scenes: tuple[str, ...], place: int, chance: Chance
 ) -> list[tuple[int, PlannedTrial]]:
     """Return (block, trial) of every catch trial, spread evenly."""
     wanted = study.task.catch_trials
     if not wanted:
         return []
     check_trials(wanted)
-    cells = study.task.catch_cells(study.pool)
+    cells = _shown(study, scenes, study.task.catch_cells(study.pool))
     if not cells:
         raise StudyError("task.catch: must fit stimuli of at least one scene")
     order = chance.shuffled(cells)

@@ -25,7 +25,7 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import stated_times_s, timing_problems
 from protocols.make_script import Scripts
-from protocols.plan import rounds
+from protocols.plan import rounds, scenes_at
 from protocols.script import Fill, Frames, Grey, PixelSize, Place, ScriptQuestion, TrialScript
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import ClosingQuestion, KeyName, Keys
@@ -55,6 +55,8 @@ class WebArrangement(Model):
     """The right answer. Null where there is none, or the page can do without."""
     level: Number | None = None
     """Value in the column that an adaptive rule chooses. Null where there is none."""
+    scene: str | None = None
+    """Scene, where an adaptive rule chooses among several. Null elsewhere."""
 
 
 class WebCell(Model):
@@ -130,6 +132,8 @@ class WebDesign(Model):
     """Names from left to right, where keys are not swapped."""
     scenes: tuple[str, ...]
     """Scenes of the main trials, which are told apart and not named."""
+    scenes_each: Positive
+    """Number of scenes that one participant is shown."""
     repeats: Positive
     blocks: Few
     scene_order: Literal["random", "balanced"]
@@ -170,6 +174,7 @@ def web_design(study: StudyProtocol, names: Mapping[str, str] | None = None) -> 
         codes that browsers draw; or places are drawn, and the secret is not here.
     """
     check_codes(study)
+    study = study.at_home()
     design, task, pool = study.design, study.task, study.pool
     texts = study.text.languages[study.text.default_language]
     practice = design.practice
@@ -180,6 +185,7 @@ def web_design(study: StudyProtocol, names: Mapping[str, str] | None = None) -> 
     return WebDesign(
         answers=task.answers(),
         scenes=tuple(named.scenes[scene] for scene in pool.scenes),
+        scenes_each=len(scenes_at(study, 0)),
         repeats=design.repeats,
         blocks=design.blocks,
         scene_order=design.scene_order,
@@ -246,9 +252,9 @@ def _adaptive(study: StudyProtocol, named: _Names) -> WebAdaptive | None:
     for cell in task.cells(pool):
         for arrangement in cell.arrangements:
             name = rule.track_of(arrangement.condition)
-            options.setdefault(name, []).append(
-                named.arrangement(arrangement, rule.column, judged=True)
-            )
+            option = named.arrangement(arrangement, rule.column, judged=True)
+            scene = named.scenes[cell.scene]
+            options.setdefault(name, []).append(option.model_copy(update={"scene": scene}))
     return WebAdaptive(
         trials=rule.trials,
         tracks=tuple(
@@ -377,13 +383,13 @@ class RefreshRate(Model):
 
 
 class Pack(Model):
-    """The frames of a stimulus: PNG files one after the other in one file."""
+    """The frames of a stimulus one after the other in one file, each as PNG or lossless WebP."""
 
     file: Text
     """Name in the folder `packs`."""
     bytes: Count
     sha256: tuple[Sha256, ...]
-    """Hash of each frame, as the manifest has it."""
+    """Hash of each frame's bytes in the file: of a PNG file, as the manifest has it."""
     ends: tuple[Count, ...]
     """End of each frame in the file, in bytes from its beginning."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import reduce
 from operator import or_
@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, PrivateAttr, model_validator
 
+from protocols.adaptive.section import AdaptiveLevels
 from protocols.columns import COMMON_COLUMNS
 from protocols.disk.hashing import sha256_bytes, sha256_json
 from protocols.errors import Problem, StudyError
 from protocols.gone import as_hashed, gone
 from protocols.plugins import culprit
-from protocols.recipes.base import Pool, Recipe
+from protocols.recipes.base import SCENE, Pool, Recipe
 from protocols.recipes.recipe_kinds import RECIPES
 from protocols.recipes.warped_clips import WarpedClips
 from protocols.study_file.cross_check import cross_check
@@ -82,6 +83,7 @@ class StudyProtocol(ExtendedModel):
     _secret: str | None = PrivateAttr(default=None)
     _order_seed: int | None = PrivateAttr(default=None)
     _place_seed: int | None = PrivateAttr(default=None)
+    _at_home: bool = PrivateAttr(default=False)
     _gone: dict[str, object] = PrivateAttr(default_factory=dict)
 
     @model_validator(mode="after")
@@ -170,7 +172,16 @@ class StudyProtocol(ExtendedModel):
 
         Places in the counterbalancing follow from the export's key; left out: from the seed, too.
         """
-        return self._beside("_order_seed", seed)._beside("_place_seed", places_key)
+        return self.at_home()._beside("_order_seed", seed)._beside("_place_seed", places_key)
+
+    def at_home(self) -> StudyProtocol:
+        """Return the same study as planned for browsers: with a share of the scenes, if it says."""
+        return self._beside("_at_home", True)
+
+    @property
+    def scene_share(self) -> float:
+        """Share of the scenes that one participant is shown: all, unless at home."""
+        return self.web.share if self.web is not None and self._at_home else 1.0
 
     def _beside(self, name: str, value: object) -> StudyProtocol:
         copy = self.model_copy()
@@ -191,7 +202,8 @@ class StudyProtocol(ExtendedModel):
                 " browser watches; run it at a desk, or leave live out"
             )
         if self.web is not None:
-            return self.model_copy(update={"gaze": self.gaze.model_copy(update={"mode": "none"})})
+            gaze = self.gaze.model_copy(update={"mode": "none"})
+            return self.model_copy(update={"gaze": gaze}).at_home()
         watched = (
             f"; the study watches gaze (gaze.mode = {self.gaze.mode!r}), which a browser cannot"
             if self.gaze.mode != "none"
@@ -290,9 +302,35 @@ def problems_between(sections: Mapping[str, Any]) -> list[Problem]:
     if not problems:
         check_returns(study.task, study.pool)
     problems += _taken_columns(study)
+    problems += _shared_scenes(study)
     if "analysis" in sections:
         problems += study.analysis.problems(study.task, study.pool)
     return problems
+
+
+def _shared_scenes(study: StudyProtocol) -> Iterator[Problem]:
+    """Yield a problem where scenes cannot stand for each other, and participants share them."""
+    if study.web is None or study.web.share == 1:
+        return
+    scenes, rule = study.main_scenes(), study.task.adaptation
+    if len(scenes) < 2:
+        said = "the stimuli name none" if scenes == ("",) else f"got {scenes[0]!r} alone"
+        yield Problem("web.share", f"must be left out where there are no two scenes ({said})")
+        return
+    columns = (rule.column, *rule.by) if isinstance(rule, AdaptiveLevels) else ()
+    met: dict[str, set[tuple[object, ...]]] = {scene: set() for scene in scenes}
+    for cell in study.task.cells(study.pool):
+        condition = cell.arrangements[0].condition
+        met[cell.scene].add(tuple(condition.get(name) for name in columns if name != SCENE))
+    for scene, found in met.items():
+        if not found or found != met[scenes[0]]:
+            yield Problem(
+                "web.share",
+                "every scene must have trials, and adaptive ones at the same levels, since any may"
+                f" be all that a participant is shown (scene {scene!r} lacks some, or has more);"
+                " leave it out of design.scenes, or leave share out",
+            )
+            return
 
 
 def _taken_columns(study: StudyProtocol) -> list[Problem]:

@@ -297,14 +297,20 @@ class Exclusions(Model):
     """Slower answers are left out. Default: no limit."""
 
 
-class Web(Model):
+class Web(ExtendedModel):
     """Settings of the study in a participant's own browser."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("share",)
 
     gaze: Literal["none"]
     """A browser does not watch gaze: fixation is not controlled there, whatever `[gaze]` says."""
     tolerance_s: Annotated[float, Field(ge=0, le=0.1, json_schema_extra={"unit": "s"})] = 0.0
     """Largest change of times to make them whole refreshes. 150 ms are 10.8 refreshes at 72 Hz. A
     refresh rate that needs more is refused. Preregister it."""
+    share: Annotated[float, Field(gt=0, le=1, json_schema_extra={"unit": "share of 1"})] = 1.0
+    """Share of the scenes that one participant is shown there, at least one scene: fewer megabytes
+    and trials each. The place in the counterbalancing says which, so that all scenes are shown to
+    equally many. Preregister it."""
     identifier: (
         Annotated[
             str,

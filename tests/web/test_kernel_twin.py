@@ -1,7 +1,7 @@
 """The kernel of the browser says what Python says: plans, steps, trials, flips and levels."""
 
 import random
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -279,6 +279,41 @@ def test_rounds_of_practice_end_as_in_python(kernel, seed, slot):
     check_walk(kernel, yes_no(None, practice=PRACTICE, blocks=3), seed, slot)
 
 
+def shared(study: StudyProtocol, share: float, places: str) -> StudyProtocol:
+    """Return the study with a share of its scenes for each participant at home."""
+    text = study.model_dump() | {"web": {"gaze": "none", "share": share}}
+    text["design"] |= {"places": places}
+    return StudyProtocol.model_validate(text)
+
+
+SHARED = {
+    **{name: partial(study_of, name) for name in ("demo", "critical-scaling", "beyond-blur-task")},
+    "quest-plus": lambda: adaptive("quest-plus"),
+    "up-down by scene": lambda: adaptive("up-down", by=("method", "scene")),
+    "practice": lambda: yes_no(None, practice=PRACTICE, blocks=3),
+    "practice elsewhere": lambda: yes_no(
+        None, scenes=("lawn", "pond", "roof"), practice=PRACTICE | {"scenes": ("wall",)}
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SHARED)
+@given(
+    share=st.sampled_from([0.01, 0.3, 0.4, 0.5, 0.7]),
+    places=st.sampled_from(["by-arrival", "drawn"]),
+    seed=st.integers(0, 2**53 - 1),
+    slot=st.integers(0, 10_000),
+)
+@settings(SLOW, max_examples=3)
+def test_sessions_with_a_share_of_the_scenes_go_on_as_in_python(
+    kernel, name, share, places, seed, slot
+):
+    study = shared(SHARED[name](), share, places)
+    check_plan(kernel, study, plan_of(study, seed, "W-1", slot))
+    if len(study.task.cells(study.pool)) < 100:
+        check_walk(kernel, study, seed, slot)
+
+
 LEVELS = (2.0, 4.0, 6.0, 8.0, 10.0)
 RULES = {
     "quest-plus": {
@@ -291,6 +326,7 @@ RULES = {
 }  # fmt: skip
 
 
+SCENES = ("lawn", "pond", "roof", "wall")
 PRACTICE = {"trials": 3, "criterion_share": 0.75, "rounds_max": 4}
 
 
@@ -309,7 +345,7 @@ def yes_no(rule: dict[str, object] | None, **design: object) -> StudyProtocol:
             "file": f"{method}-{level:.0f}-{scene}-{cut}.png",
             "condition": {"method": method, "level": level, "scene": scene, "cut": cut},
         }
-        for method, level, scene, cut in product("ab", LEVELS, ("lawn", "wall"), ("whole", "cut"))
+        for method, level, scene, cut in product("ab", LEVELS, SCENES, ("whole", "cut"))
     )
     text["stimuli"] = {"kind": "files", "width_px": 64, "height_px": 64, "entries": entries}
     text["task"] = {

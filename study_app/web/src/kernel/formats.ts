@@ -54,12 +54,12 @@ export interface Frames {
   /** Number of the trial's stimulus, from 0. */ readonly stimulus: number;
 }
 
-/** The frames of a stimulus: PNG files one after the other in one file. */
+/** The frames of a stimulus one after the other in one file, each as PNG or lossless WebP. */
 export interface Pack {
   readonly bytes: number;
   /** End of each frame in the file, in bytes from its beginning. */ readonly ends: readonly number[];
   /** Name in the folder `packs`. */ readonly file: string;
-  /** Hash of each frame, as the manifest has it. */ readonly sha256: readonly string[];
+  /** Hash of each frame's bytes in the file: of a PNG file, as the manifest has it. */ readonly sha256: readonly string[];
 }
 
 /** A picture that Python made: a PNG file. */
@@ -122,6 +122,7 @@ export interface WebAdaptive {
 export interface WebArrangement {
   /** The right answer. Null where there is none, or the page can do without. */ readonly correct: string | null;
   /** Value in the column that an adaptive rule chooses. Null where there is none. */ readonly level: number | null;
+  /** Scene, where an adaptive rule chooses among several. Null elsewhere. */ readonly scene: string | null;
   /** Names among the study's stimuli, as the task counts them. */ readonly stimuli: readonly string[];
 }
 
@@ -150,6 +151,7 @@ export interface WebDesign {
   /** After how many places arrangements and keys are balanced, and the scenes as well. */ readonly rounds: readonly [number, number];
   readonly scene_order: "random" | "balanced";
   /** Scenes of the main trials, which are told apart and not named. */ readonly scenes: readonly string[];
+  /** Number of scenes that one participant is shown. */ readonly scenes_each: number;
   readonly side: "by-participant" | "by-trial" | "fixed";
 }
 

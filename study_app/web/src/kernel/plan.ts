@@ -2,7 +2,7 @@
 import { Chance } from "./chance";
 import type { WebArrangement, WebCell, WebDesign } from "./formats";
 import { at } from "./list";
-import { placeOf } from "./places";
+import { placeOf, shownAt, windowsOf } from "./places";
 
 export type Role = "practice" | "main" | "catch";
 
@@ -44,15 +44,16 @@ export function makePlan(design: WebDesign, person: Person): Plan {
   const { seed, participant, slot } = person;
   const chance = new Chance(seed, participant, slot, "plan");
   const place = placeOf(design, person.places_key ?? seed, slot);
-  const main = mainTrials(design, place, chance);
-  const blocks = new Map<number, PlannedTrial[]>([[0, practiceTrials(design, place, chance)]]);
+  const own = shownAt(design, place);
+  const main = mainTrials(own, place, Math.floor(place / windowsOf(design)), chance);
+  const blocks = new Map<number, PlannedTrial[]>([[0, practiceTrials(own, place, chance)]]);
   for (let number = 1; number <= design.blocks; number++) blocks.set(number, []);
   const block = (number: number) => blocks.get(number) ?? [];
   main.forEach((trial, index) => {
     const number = 1 + Math.floor((index * design.blocks) / main.length);
     block(number).push({ ...trial, block: number });
   });
-  for (const [number, trial] of catchTrials(design, place, chance)) {
+  for (const [number, trial] of catchTrials(own, place, chance)) {
     const after = chance.below(block(number).length) + 1; // never the first of its block
     block(number).splice(after, 0, { ...trial, block: number });
   }
@@ -94,7 +95,12 @@ function arranged(cell: WebCell, turn: number): Pick<WebArrangement, "stimuli" |
 }
 
 /** The main trials in order: all of the first repeat, then all of the second, ... */
-function mainTrials(design: WebDesign, place: number, chance: Chance): PlannedTrial[] {
+function mainTrials(
+  design: WebDesign,
+  place: number,
+  row: number,
+  chance: Chance,
+): PlannedTrial[] {
   const { adaptive, cells, scenes } = design;
   if (adaptive) {
     const rounds = Array.from({ length: adaptive.trials }, () => chance.shuffled(adaptive.tracks));
@@ -113,7 +119,7 @@ function mainTrials(design: WebDesign, place: number, chance: Chance): PlannedTr
       chance.shuffled(cells.filter((cell) => cell.scene === scene)),
     );
     for (; queues.some((queue) => queue.length); round++) {
-      for (const index of latinRow(scenes.length, place + round)) {
+      for (const index of latinRow(scenes.length, row + round)) {
         const cell = at(queues, index).pop();
         if (cell) ordered.push([repeat, cell]);
       }

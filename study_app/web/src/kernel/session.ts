@@ -7,6 +7,7 @@ import type {
   AnswerLine, AttemptLine, BlockEndLine, BlockStartLine, BreakLine, ConsentLine, WebDesign,
 } from "./formats";
 import { at } from "./list";
+import { placeOf, shownAt } from "./places";
 import { shown, type Plan, type PlannedTrial } from "./plan";
 
 export interface Attempt
@@ -127,7 +128,8 @@ export function chosen(
   trial: PlannedTrial,
   attempts: readonly Attempt[],
 ): PlannedTrial {
-  const { adaptive } = design;
+  const { seed, participant, slot } = plan;
+  const { adaptive } = shownAt(design, placeOf(design, plan.places_key ?? seed, slot));
   if (trial.track === null || !adaptive) return trial;
   const past = attempts.filter(
     (attempt) => attempt.track === trial.track && attempt.outcome === "completed",
@@ -137,7 +139,6 @@ export function chosen(
   const level = nextLevel(adaptive.rule, history);
   const track = adaptive.tracks.find(({ name }) => name === trial.track);
   const options = track?.options.filter((option) => option.level === level) ?? [];
-  const { seed, participant, slot } = plan;
   const chance = new Chance(seed, participant, slot, "choose", trial.id, tries);
   // The answer first: to avoid the last picture must not make its successor predictable.
   const answers = [...new Set(options.map((option) => option.correct ?? "None"))].sort();

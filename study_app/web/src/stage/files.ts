@@ -83,10 +83,14 @@ export function partsOf(pack: Pack): [number, number][] {
   return parts;
 }
 
+/** First byte of a WebP file. */
+const RIFF = 0x52;
+
 /** Codes as they are in the file: no colour profile, no premultiplied alpha. */
 async function decoded(data: ArrayBuffer, name: string): Promise<ImageBitmap> {
   try {
-    const blob = new Blob([data], { type: "image/png" });
+    const [first] = new Uint8Array(data, 0, 1);
+    const blob = new Blob([data], { type: first === RIFF ? "image/webp" : "image/png" });
     return await createImageBitmap(blob, { premultiplyAlpha: "none", colorSpaceConversion: "none" });
   } catch {
     throw new FileError(`${name} is no picture that this browser can read`);
