@@ -74,8 +74,10 @@ def person(plan: Plan) -> dict[str, Any]:
     return {"seed": plan.seed, "participant": plan.participant, "slot": plan.slot}
 
 
-def plan_of(study: StudyProtocol, seed: int, participant: str, slot: int) -> Plan:
-    return make_plan(study.ordered_by(seed), virtual_manifest(study, FHD), participant, slot)
+def plan_of(
+    study: StudyProtocol, seed: int, participant: str, slot: int, key: int | None = None
+) -> Plan:
+    return make_plan(study.ordered_by(seed, key), virtual_manifest(study, FHD), participant, slot)
 
 
 def track_of(study: StudyProtocol, name: str | None) -> str | None:
@@ -105,7 +107,7 @@ def plain(study: StudyProtocol, trial: PlannedTrial) -> dict[str, Any]:
     }
 
 
-def check_plan(kernel: Kernel, study: StudyProtocol, plan: Plan, **key: int) -> None:
+def check_plan(kernel: Kernel, study: StudyProtocol, plan: Plan, **key: int | None) -> None:
     told = kernel.ask("plan", name=tell(kernel, study), person=person(plan) | key)
     assert told == [plain(study, trial) for trial in plan.trials]
 
@@ -138,24 +140,25 @@ def redesigned(study: StudyProtocol, **design: object) -> StudyProtocol:
     ),
     side=st.sampled_from(["by-participant", "by-trial", "fixed"]),
     seed=st.integers(0, 2**53 - 1),
+    key=st.none() | st.integers(0, 2**53 - 1),
     slot=st.integers(0, 10_000),
     participant=st.from_regex(r"[A-Za-z0-9]{1,8}([-_][A-Za-z0-9]{1,4})?", fullmatch=True),
 )
 @settings(SLOW, max_examples=40)
 def test_any_design_is_planned_as_python_plans_it(
-    kernel, name, design, side, seed, slot, participant
+    kernel, name, design, side, seed, key, slot, participant
 ):
     study = study_of(name)
     if not study.task.sided and len(study.task.answers()) == 2:
         design = design | {"side": side}
     study = redesigned(study, **design)
     try:
-        plan = plan_of(study, seed, participant, slot)
+        plan = plan_of(study, seed, participant, slot, key)
     except StudyError:
         with pytest.raises(AssertionError, match="no such order"):
             kernel.ask("plan", name=tell(kernel, study), person=person_of(seed, participant, slot))
         return
-    check_plan(kernel, study, plan)
+    check_plan(kernel, study, plan, places_key=key)
 
 
 def person_of(seed: int, participant: str, slot: int) -> dict[str, Any]:
