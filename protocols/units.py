@@ -208,7 +208,7 @@ Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 StoredNumber = Annotated[float, Field(ge=-4e38, le=4e38)]
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 WebSeed = Annotated[int, Field(ge=0, le=2**53 - 1)]
-"""Of a browser: JavaScript holds such whole numbers exactly."""
+"""Seed or key in a browser: JavaScript holds such whole numbers exactly."""
 Vector3 = tuple[Number, Number, Number]
 
 Scalar: TypeAlias = bool | int | float | str

@@ -18,7 +18,7 @@ _SHARES = tuple(number / 20 for number in range(19, 9, -1))
 
 
 def screen_lines(build: WebBuild, needs: BrowserNeeds) -> Iterator[str]:
-    """Yield which screens can take part, and the one change that admits most further kinds.
+    """Yield the least screens that can take part, and the change that admits most further kinds.
 
     Kinds are all common sizes at all common refresh rates.
     """
