@@ -97,9 +97,7 @@ def test_a_session_by_real_keys_mouse_and_touch_comes_home(alone, pointed, tmp_p
     }
     wanted, given = dict(zip(ways, ("left", "right", "right", "left"), strict=True)), []
     with served(of.out) as site:
-        chromium.open(
-            f"{site.url}?slot=1", CLOCK, OBSERVER, COUNTS, size=of.exported["window_px"]
-        )
+        chromium.open(f"{site.url}?slot=1", CLOCK, OBSERVER, COUNTS, size=of.exported["window_px"])
         turn, end = 0, time.monotonic() + 180
         while time.monotonic() < end:
             title, asks, untold, choice, button = chromium.evaluate(PAGE.replace("ASKS", ASKS))
