@@ -26,7 +26,6 @@ from analysis.models.bootstrap import bootstrap_scale, bootstrap_scores
 from analysis.models.clustered import two_way
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.observers import check_observers
-from analysis.models.paired.bradley_terry_mixed import paired_model
 from analysis.models.paired.paired_counts import choice_share, pair_index
 from analysis.models.scaling import scale
 from analysis.models.trends import trend
@@ -113,27 +112,6 @@ class ObserverRates:
     tail_df: float | None
     studies: int
     family_wise: float
-
-
-@dataclass(frozen=True)
-class PairedRates:
-    """False positives of the mixed model of all pairings, three equal methods, nominal .05.
-
-    Deviations are of one method's log odds. `ratio_t` judges the root of the likelihood ratio by
-    t, as `paired_model`; `family` is any of its three Holm-adjusted p. `unfitted` have no maximum.
-    """
-
-    participants: int
-    scenes: int
-    repeats: int
-    participant_sd: float
-    scene_sd: float
-    studies: int
-    ratio_t: float
-    ratio_chi2: float
-    wald_z: float
-    family: float
-    unfitted: int
 
 
 @dataclass(frozen=True)
@@ -403,48 +381,6 @@ def learning_rates(scale_down: int) -> list[LearningRates]:
     return found
 
 
-def paired_rates(scale_down: int) -> list[PairedRates]:
-    """Simulate studies of three equal methods and fit the model of all pairings."""
-    rng = np.random.default_rng(6)
-    cases = (
-        *(((11, 6, 2), *sd) for sd in ((0.0, 0.0), (0.35, 0.0), (0.7, 0.0), (0.35, 0.35))),
-        *((shape, 0.45, 0.3) for shape in ((11, 6, 2), (6, 3, 2), (30, 20, 1))),
-    )
-    rows = []
-    for shape, participant_sd, scene_sd in cases:
-        studies = 1000 // scale_down
-        tests: list[list[bool]] = []
-        for _ in range(studies):
-            table = made_up_decisions(rng, *shape, participant_sd, scene_sd)
-            found = paired_model(table, METHODS).contrasts
-            for one in found[:1]:
-                z = one.estimate / one.standard_error
-                family = min(c.p_adjusted for c in found)
-                tests.append(
-                    [
-                        one.p < 0.05,
-                        stats.chi2.sf(one.ratio, 1) < 0.05,
-                        2.0 * stats.norm.sf(abs(z)) < 0.05,
-                        family < 0.05,
-                    ]
-                )
-        ratio_t, ratio_chi2, wald_z, family = (float(rate) for rate in np.mean(tests, axis=0))
-        rows.append(
-            PairedRates(
-                *shape,
-                participant_sd,
-                scene_sd,
-                studies,
-                ratio_t=ratio_t,
-                ratio_chi2=ratio_chi2,
-                wald_z=wald_z,
-                family=family,
-                unfitted=studies - len(tests),
-            )
-        )
-    return rows
-
-
 def times_power(scale_down: int) -> list[TimesPower]:
     """Draw times as `analysis power` does; judge them by its closed form and by the model."""
     study = load_protocol(Path("inpainting-2afc"))
@@ -521,7 +457,6 @@ def main(argv: list[str]) -> int:
         "scale_coverage": lambda n: list(scale_coverage(n)),
         "observer_rates": lambda n: list(observer_rates(n)),
         "learning_rates": lambda n: list(learning_rates(n)),
-        "paired_rates": lambda n: list(paired_rates(n)),
         "times_power": lambda n: list(times_power(n)),
     }
     only = arguments.only

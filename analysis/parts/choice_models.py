@@ -1,9 +1,8 @@
-"""Logit mixed models of choices: one of each comparison, and one of all pairings."""
+"""Logit mixed models of choices, one of each comparison."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import ClassVar, TypeAlias
 
 import numpy as np
@@ -13,11 +12,10 @@ from numpy.random import Generator
 from analysis.models.compared_methods import Comparisons
 from analysis.models.logistic import Coefficient, ModelFit, glmm_logit
 from analysis.models.mixed.inference import Inference
-from analysis.models.paired.bradley_terry_mixed import PairedContrast, PairedModel, paired_model
 from analysis.models.preference import Preference
-from analysis.parts import Part, PartNumbers, Presentation, tried
+from analysis.parts import Part, PartNumbers, Presentation
 from analysis.parts.preferences import PreferenceResults
-from analysis.parts.shared import GroupedRow, adjusted, group_rows, sd_text
+from analysis.parts.shared import GroupedRow, group_rows, sd_text
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.repeat import scripts
 from analysis.report.result_table import ResultColumn, ResultTable, attribute, p_value
@@ -39,19 +37,10 @@ class PairModel:
 
 
 @dataclass(frozen=True)
-class SizeModel:
-    """The model of all pairings at one size."""
-
-    size: str
-    model: PairedModel
-
-
-@dataclass(frozen=True)
 class ChoiceModels:
-    """Every number; `together` is empty where two methods alone are compared."""
+    """Every number."""
 
     pairs: tuple[PairModel, ...]
-    together: tuple[SizeModel, ...]
     notes: tuple[str, ...]
 
 
@@ -63,47 +52,32 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
     needs: ClassVar[tuple[str, ...]] = ("preferences",)
 
     def compute(
-        self, table: pd.DataFrame, plan: PreferencePlan, found: PartNumbers, _chance: Generator
+        self, table: pd.DataFrame, _plan: PreferencePlan, found: PartNumbers, _chance: Generator
     ) -> ChoiceModels:
-        """Fit each comparison, and all pairings of each size."""
+        """Fit each comparison."""
         preferences: PreferenceResults = found["preferences"]
         decisions = Comparisons(table)
-        notes: list[str] = []
-        together = []
-        for size in plan.sizes:
-            rows, methods = plan.compared_at(decisions.decisions, size)
-            if len(methods) < 3:  # Of two methods it would be the pairing's own.
-                continue
-            model = tried(
-                partial(paired_model, rows, methods, level=plan.confidence),
-                f"model of all pairings{plan.at(size, ' at {}')}",
-                notes,
-            )
-            together += [SizeModel(size, model)] if model else []
         pairs = tuple(
             PairModel(one.method, one.against, one.size, _mixed(decisions, one))
             for one in preferences.table.cells
         )
-        return ChoiceModels(pairs, tuple(together), tuple(notes))
+        return ChoiceModels(pairs, ())
 
     def show(self, found: ChoiceModels, plan: PreferencePlan) -> Presentation:
-        """Return a table of each kind of model, and what each says."""
-        models, together = _pairs(found, plan), _together(found, plan)
+        """Return the table of models, and what each says."""
+        models = _pairs(found, plan)
         mixed = any(
             one.fit.random_sd and math.isfinite(one.fit["Intercept"].estimate)
             for one in found.pairs
         )
         return Presentation(
-            blocks=tuple(_blocks(found, models, together, plan)),
+            blocks=tuple(_blocks(found, models, plan)),
             sentences=tuple(_sentences(found, plan)),
             methods=(
                 "Logit mixed models had crossed random intercepts of participants and scenes"
-                " (Laplace approximation) and the order of presentation as a covariate"
-                + "; one model of all pairings had random tastes of the methods by participant and"
-                " by scene, with Holm-adjusted likelihood ratios" * bool(found.together) + "."
+                " (Laplace approximation) and the order of presentation as a covariate."
             ),
-            tables={"models.csv": models.frame()}
-            | ({"pairings.csv": together.frame()} if found.together else {}),
+            tables={"models.csv": models.frame()},
             scripts=scripts("choices", *(["R"] if mixed else []), "py"),
         )
 
@@ -148,22 +122,9 @@ def _sentences(found: ChoiceModels, plan: PreferencePlan) -> Iterator[str]:
             + (f"; {spread}" if spread else "")
             + f" ({fit.method})."
         )
-    for size in found.together:
-        for c in size.model.contrasts:
-            about = _over(c.first, c.second, size.size, plan)
-            if math.isnan(c.estimate):
-                yield f"{about}, all pairings together: {NOT_IDENTIFIED}."
-                continue
-            yield (
-                f"{about}, all pairings together: b = {number(c.estimate)}, SE ="
-                f" {number(c.standard_error)}, likelihood ratio {number(c.ratio)} (df ="
-                f" {size.model.df}), {p_text(c.p)}"
-                f"{adjusted(c.p, c.p_adjusted, 'mixed model of random tastes')}."
-            )
 
 
 PairRow: TypeAlias = GroupedRow[PairModel, Coefficient]
-TogetherRow: TypeAlias = GroupedRow[SizeModel, PairedContrast]
 
 
 def _pairs(found: ChoiceModels, plan: PreferencePlan) -> ResultTable[PairRow]:
@@ -201,27 +162,6 @@ def _pairs(found: ChoiceModels, plan: PreferencePlan) -> ResultTable[PairRow]:
     )
 
 
-def _together(found: ChoiceModels, plan: PreferencePlan) -> ResultTable[TogetherRow]:
-    return ResultTable.of(
-        "One mixed model of all pairings: each participant and scene has own tastes of the methods",
-        group_rows((one, one.model.contrasts) for one in found.together),
-        ResultColumn(
-            "Comparison",
-            "l c",
-            lambda row: plan.named(row.entry.first, row.entry.second, row.group.size),
-            lambda row: {"size": row.group.size} | vars(row.entry) | {"df": row.group.model.df},
-        ),
-        attribute("b", "entry.estimate"),
-        attribute("SE", "entry.standard_error"),
-        ResultColumn(
-            "LR (df)", "n", lambda row: f"{number(row.entry.ratio)} ({row.group.model.df})"
-        ),
-        p_value("p", "entry.p"),
-        p_value("p adj.", "entry.p_adjusted"),
-        ResultColumn("Random SD", "l", lambda row: sd_text(row.group.model.random_sd) * row.first),
-    )
-
-
 def _name(one: PairModel, plan: PreferencePlan) -> str:
     return plan.named(one.method, one.against, one.size)
 
@@ -229,7 +169,6 @@ def _name(one: PairModel, plan: PreferencePlan) -> str:
 def _blocks(
     found: ChoiceModels,
     models: ResultTable[PairRow],
-    together: ResultTable[TogetherRow],
     plan: PreferencePlan,
 ) -> Iterator[Block]:
     yield models.block()
@@ -243,21 +182,9 @@ def _blocks(
         " Random SD: how far participants, and scenes, differ on the scale of b.",
         muted=True,
     )
-    if found.together:
-        yield together.block()
-        yield Paragraph(
-            "b as above, now with all answers together: what one pairing tells of two methods"
-            " counts for the others too. LR: likelihood ratio against two methods being equal; its"
-            " root is judged by t with df of participants. p adj.: Holm over the comparisons of a"
-            " size. Random SD: of one method's b between participants, and between scenes.",
-            muted=True,
-        )
     yield Cautions(
         "When not to trust these models",
-        grouped(
-            [(_name(one, plan), one.fit.warnings) for one in found.pairs]
-            + [(plan.at(one.size), one.model.warnings) for one in found.together]
-        ),
+        grouped([(_name(one, plan), one.fit.warnings) for one in found.pairs]),
     )
 
 

@@ -173,25 +173,6 @@ class RightEffects(RandomEffectsPart[AnalysisPlan]):
         yield ModelEffects("", found.mixed.deviations)
 
 
-class ChoiceEffects(RandomEffectsPart[Any]):
-    """Random effects of the models of all pairings."""
-
-    name: ClassVar[str] = "random_effects"
-    section: ClassVar[tuple[str, str]] = ("models", "Models")
-    needs: ClassVar[tuple[str, ...]] = ("choice_models",)
-    about: ClassVar[str] = "choices between all methods"
-    unit: ClassVar[str] = "logits of a method"
-
-    def wanted(self, table: pd.DataFrame, plan: Any) -> bool:
-        """Return True if there are more methods than a pair."""
-        return len(plan.methods) > 2 and super().wanted(table, plan)
-
-    def models(self, found: Any, plan: Any) -> Iterator[ModelEffects]:
-        """Yield one for each size."""
-        for one in found.together:
-            yield ModelEffects(plan.at(one.size), one.model.deviations)
-
-
 class TimeEffects(RandomEffectsPart[AnalysisPlan]):
     """Random effects of the model of reaction times."""
 

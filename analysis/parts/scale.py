@@ -13,24 +13,13 @@ from analysis import SEED
 from analysis.arrays import Floats
 from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
 from analysis.models.compared_methods import as_numbers, numbered_names
-from analysis.models.consistency import (
-    Agreement,
-    Transitivity,
-    Triads,
-    agreement,
-    circular_triads,
-    majority,
-    transitivity,
-)
 from analysis.models.observers import ObserverCheck, check_observers
-from analysis.models.paired.order_effect import OrderEffect, order_effect
 from analysis.models.scaling import Contrast, Scale, equal_scores, scale
 from analysis.parts import PartFigure, Presentation, SimplePart, tried
 from analysis.parts.shared import adjusted
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.result_table import (
-    P_VALUE,
     ResultColumn,
     ResultTable,
     attribute,
@@ -40,8 +29,6 @@ from analysis.report.result_table import (
 )
 from analysis.report.values import frame_of
 from analysis.report.wording import (
-    by_how_much,
-    df_text,
     leading,
     number,
     number_range,
@@ -50,7 +37,6 @@ from analysis.report.wording import (
 )
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, grouped
-from protocols.errors import count_of
 
 BOOTSTRAP_SAMPLES = 2000
 
@@ -84,12 +70,8 @@ class SizeScale:
     scale: Scale
     intervals: ScaleIntervals | None
     contrasts: tuple[Contrast, ...]
-    triads: tuple[tuple[str, Triads], ...]
-    agreement: Agreement | None
-    transitivity: Transitivity
     observers: ObserverCheck
     warnings: tuple[str, ...]
-    order: OrderEffect | None = None
 
     def scores(self) -> list[MethodScore]:
         """Return the methods; limits of none are NaN."""
@@ -189,25 +171,17 @@ def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
                 f" {level} {number_range(one.lower, one.upper)},"
                 f" {p_text(p)}{adjusted(p, also, 'two-way bootstrap')}."
             )
-        if (order := size.order) is not None:
-            apart = by_how_much(order, order.value, size.scale.unit, ("more", "less"))
-            yield (
-                f"Whatever they were, the one shown first had {apart} than the other"
-                f"{plan.at(size.size, ' ({})')}: difference {placed(order, order.value)}, {level}"
-                f" {number_range(order.lower, order.upper)}, {p_text(order.p)} (two-way bootstrap)."
-            )
 
 
-def ordered_votes(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
-    """Count votes (participants, scenes, 2, k, k) for i, shown first or second, over j."""
+def votes_of(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
+    """Count votes (participants, scenes, k, k) for i over j."""
     person, people = numbered_names(decisions["participant"])
     scene, scenes = numbered_names(decisions["scene"])
     place = {name: index for index, name in enumerate(methods)}
     won = decisions["chosen"].map(place).to_numpy(dtype=np.int64)
     lost = decisions["rejected"].map(place).to_numpy(dtype=np.int64)
-    came = (decisions["chosen"].astype(str) != decisions["first"].astype(str)).to_numpy(np.int64)
-    votes = np.zeros((len(people), len(scenes), 2, len(methods), len(methods)))
-    np.add.at(votes, (person, scene, came, won, lost), 1.0)
+    votes = np.zeros((len(people), len(scenes), len(methods), len(methods)))
+    np.add.at(votes, (person, scene, won, lost), 1.0)
     return votes, list(people)
 
 
@@ -215,8 +189,7 @@ def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> Siz
     rows, methods = plan.compared_at(decisions, size)
     if len(methods) < 2:
         raise ValueError("fewer than two methods were compared")
-    ordered, people = ordered_votes(rows, methods)
-    votes = ordered.sum(axis=2)
+    votes, people = votes_of(rows, methods)
     total = votes.sum(axis=(0, 1))
     fitted, found = scale(total, methods), list[str]()
     intervals = None
@@ -230,32 +203,8 @@ def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> Siz
             )
         except ValueError as problem:
             found.append(str(problem))
-    order = tried(
-        partial(
-            order_effect,
-            ordered,
-            rng=np.random.default_rng(SEED),
-            samples=BOOTSTRAP_SAMPLES,
-            level=plan.confidence,
-        ),
-        "order effect in JOD",
-        found,
-    )
-    by_person = votes.sum(axis=1)
-    upper = np.triu_indices(len(methods), 1)
-    seen = (by_person + by_person.swapaxes(-1, -2))[:, upper[0], upper[1]]
-    complete = bool(np.all(seen > 0)) and len(methods) > 2
-    answers = np.array([majority(one) for one in by_person])
-    agreed = None
-    if complete and len(people) > 2:
-        agreed = agreement(answers.sum(axis=0))
-        if np.any((answers == 0.5) & ~np.eye(len(methods), dtype=bool)):
-            found.append("some participants were even on a pair: Kendall's u is approximate")
-    elif len(methods) > 2:
-        found.append("not everyone saw every pair: no triads, no agreement")
     if intervals is not None and len(methods) > 2:
         found += _family(len(methods)).hopeless(len(people), plan.alpha)
-    triads = zip(people, answers, strict=True) if complete else ()
     return SizeScale(
         size=size,
         scale=fitted,
@@ -263,14 +212,10 @@ def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> Siz
         contrasts=tuple(
             _clustered(one, methods, intervals) for one in equal_scores(total, methods)
         ),
-        triads=tuple((name, circular_triads(one)) for name, one in triads),
-        agreement=agreed,
-        transitivity=transitivity(total),
         observers=check_observers(
-            by_person, people, rng=np.random.default_rng(SEED), alpha=plan.alpha
+            votes.sum(axis=1), people, rng=np.random.default_rng(SEED), alpha=plan.alpha
         ),
         warnings=tuple(found),
-        order=order,
     )
 
 
@@ -310,18 +255,6 @@ def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
             p_value("p", "clustered_p"),
             p_value("p adj.", "clustered_p_adjusted"),
         ).block()
-        if size.order is not None:
-            yield ResultTable.of(
-                "Order effect in favour of the first, and scores beside it, JOD",
-                [size.order],
-                estimated("First - second", "value"),
-                limits(plan.limits),
-                P_VALUE,
-                *(
-                    ResultColumn(label(name), "", partial(_score, place))
-                    for place, name in enumerate(size.scale.conditions)
-                ),
-            ).block()
         yield Paragraph(" ".join(_checks(size, plan)), muted=True)
     notes = [
         (
@@ -336,13 +269,9 @@ def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
     yield Cautions("When not to trust these scales", grouped(notes))
 
 
-def _score(place: int, one: OrderEffect) -> str:
-    return number(one.scores[place])
-
-
 def _checks(one: SizeScale, plan: PreferencePlan) -> Iterator[str]:
     """Yield sentences for and against one axis."""
-    fitted, triples = one.scale, one.transitivity
+    fitted = one.scale
     axis = ""
     if fitted.fit_df > 0:
         axis = (
@@ -353,24 +282,6 @@ def _checks(one: SizeScale, plan: PreferencePlan) -> Iterator[str]:
         f"All equal: χ²({fitted.equal_df}) = {number(fitted.equal_statistic, 1)},"
         f" {p_text(fitted.equal_p)}{axis} (likelihood ratios, trials as independent)."
     )
-    if triples.triples:
-        yield (
-            f"Stochastic transitivity is violated by {triples.weak} (weak), {triples.moderate}"
-            f" (moderate), {triples.strong} (strong) of {count_of(triples.triples, 'triple')}."
-        )
-    if one.agreement is not None:
-        yield (
-            f"Agreement between participants: Kendall's u = {number(one.agreement.u)} (1: all"
-            f" alike), χ²({df_text(one.agreement.df)}) ="
-            f" {number(one.agreement.statistic, 1)}, {p_text(one.agreement.p)}."
-        )
-    if one.triads:
-        circular = sum(result.circular > 0 for _, result in one.triads)
-        zeta = sum(result.zeta for _, result in one.triads) / len(one.triads)
-        yield (
-            f"{circular} of {count_of(len(one.triads), 'participant')} contradict themselves in"
-            f" circles (mean Kendall's ζ = {number(zeta)}; 1: never)."
-        )
     rate = f"unlike the others (family-wise rate {leading(f'{plan.alpha:g}')})"
     flagged = ", ".join(one.observers.flagged)
     if flagged or not one.observers.turned:

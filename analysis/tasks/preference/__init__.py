@@ -14,7 +14,7 @@ from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.interaction import PreferenceInteraction
 from analysis.parts.learning import ChoiceLearning
 from analysis.parts.preferences import PreferencesPart
-from analysis.parts.random_effects import ChoiceEffects, TimeEffects
+from analysis.parts.random_effects import TimeEffects
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.times import TimesPart
 from analysis.plans.preference_plan import (
@@ -44,7 +44,6 @@ class PreferenceOfPairs(TaskAnalysis[PreferenceTableSection, PreferencePlan]):
         AchievedPowerPart(),
         PreferenceInteraction(),
         ChoiceModelsPart(),
-        ChoiceEffects(ChoiceModelsPart()),
         ScalePart(),
         BiasPart(),
         ChoiceLearning(),

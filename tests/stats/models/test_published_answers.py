@@ -15,7 +15,6 @@ from yes_no_table import of_table
 
 from analysis.models.bootstrap import bootstrap_scores
 from analysis.models.clustered import holm, participant_t, sign_flip_floor
-from analysis.models.consistency import agreement, circular_triads, transitivity
 from analysis.models.logistic import glm_logit, glmm_logit
 from analysis.models.mixed.glmm import fit_crossed
 from analysis.models.mixed.logit import fit_logit, information
@@ -206,33 +205,6 @@ def test_tasters_on_thurstones_scale(expected: Answers):
     assert fitted.fit_df == answer["df"]
 
 
-def test_dog_food_triads(expected: Answers):
-    """Five circular triads of six conditions: zeta and its exact p."""
-    answer = expected["eba"]["dog_circular"]
-    rng = np.random.default_rng(0)
-    while True:  # any tournament of six with five circular triads has this zeta and p
-        wins = np.triu(rng.integers(0, 2, (6, 6)), 1).astype(float)
-        wins += np.tril(1 - wins.T, -1)
-        found = circular_triads(wins)
-        if found.circular == answer["T"]:
-            break
-
-    assert found.largest == answer["Tmax"]
-    assert found.zeta == pytest.approx(answer["zeta"])
-    assert found.p == pytest.approx(answer["p_less"], abs=1e-5)
-
-
-@pytest.mark.parametrize("group", ["boys21", "girls25"])
-def test_school_subjects_agreement(expected: Answers, stats_data: Reader, group: str):
-    table = stats_data(f"eba_schoolsubjects_{group}.csv", index_col=0)
-    answer = expected["eba"][f"kendall_u_{group[:-2]}"]
-    found = agreement(table.to_numpy(float))
-
-    assert found.u == pytest.approx(answer["u"], abs=1e-5)
-    assert found.statistic == pytest.approx(answer["chi2"], abs=1e-3)
-    assert found.df == pytest.approx(answer["df"], abs=1e-3)
-
-
 def test_red_wines(expected: Answers, stats_data: Reader):
     table = stats_data("eba_redwines_preference_11x10.csv")
     answer = expected["eba"]["redwines_preference"]
@@ -255,19 +227,6 @@ def test_red_wines(expected: Answers, stats_data: Reader):
     jod = scale(total, names).scores
     jod = (jod - jod[list(names).index("Bourgogne")]) / JOD_SIGMA
     np.testing.assert_allclose(jod, answer["thurstone"], atol=1e-4)
-    found = agreement(total)
-    assert found.u == pytest.approx(answer["kendall_u"], **CLOSE)
-    assert found.statistic == pytest.approx(answer["u_chi2"], abs=1e-3)
-    assert found.p == pytest.approx(answer["u_p"], **CLOSE)
-    triads = [circular_triads(one) for one in each]
-    assert [one.circular for one in triads] == answer["circular_T"]
-    np.testing.assert_allclose([one.zeta for one in triads], answer["zeta"])
-    violations = transitivity(total)
-    assert (violations.weak, violations.moderate, violations.strong) == (
-        0,
-        answer["MST_viol"],
-        answer["SST_viol"],
-    )
 
 
 def by_pair(decisions: pd.DataFrame) -> Iterator[pd.DataFrame]:

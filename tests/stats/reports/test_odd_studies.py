@@ -54,7 +54,6 @@ def odd_study(seed: int) -> pd.DataFrame:
 
 
 WITHHELD = (
-    "[choice_models].together",
     "[learning]",
     "[times]",
     "[random_effects]",

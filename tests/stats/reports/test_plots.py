@@ -29,7 +29,7 @@ from analysis.models.reaction import reaction_times
 from analysis.models.scaling import scale
 from analysis.models.thresholds import fit_thresholds
 from analysis.models.trends import course
-from analysis.parts.scale import ordered_votes
+from analysis.parts.scale import votes_of
 from analysis.plots import (
     ONE_COLUMN_IN,
     TWO_COLUMNS_IN,
@@ -105,7 +105,7 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     names = ("metameric", "push-pull", "reference")
     scales = {}
     for size in ("small", "large"):
-        votes = ordered_votes(rows[rows["size"] == size], names)[0].sum(axis=2)
+        votes = votes_of(rows[rows["size"] == size], names)[0]
         limits = bootstrap_scale(votes, rng=np.random.default_rng(0), samples=200)
         scales[size] = (scale(votes.sum(axis=(0, 1)), names), limits)
     x, trials = np.array([5.0, 10, 15, 20, 25]), np.full(5, 140)
