@@ -408,11 +408,8 @@ def _mixed(
         )
     deviations: tuple[Deviation, ...] = ()
     if inference.profile and solution.converged:
-        levels = {
-            name: sorted(map(str, trials[name].unique())) for name in groups if name in GROUPS
-        }
         deviations = crossed_deviations(
-            solution, design, names, levels, slopes=names[len(groups) :], level=inference.level
+            solution, design, names, slopes=names[len(groups) :], level=inference.level
         )
     random = _random_words(groups, names[len(groups) :])
     fit = ModelFit(

@@ -224,7 +224,6 @@ def fit_cumulative(
     effects: Mapping[str, RandomFactor],
     *,
     link: OrdinalLink = "probit",
-    names: Mapping[str, Sequence[str]] | None = None,
     level: float | None = None,
     starts: Sequence[Floats] = (),
     errors: bool = True,
@@ -239,8 +238,6 @@ def fit_cumulative(
         Category, counted from 0; every one up to the highest occurs.
     effects : mapping of name to RandomFactor
         Each random effect's levels in each row.
-    names : mapping of effect to names of its levels, optional
-        Whose levels are wanted in `CumulativeFit.deviations`.
     level : float, optional
         Coverage of profile limits of the deviations; left out, there are none.
     starts : sequence of ndarray (theta, then beta, then sd)
@@ -305,7 +302,7 @@ def fit_cumulative(
     if level is not None and proper:
         sds = dict(zip(effects, sd.tolist(), strict=True))
         deviations = laplace_deviations(
-            model, point, back @ covariance @ back.T, sds, names or {}, link=link, level=level
+            model, point, back @ covariance @ back.T, sds, link=link, level=level
         )
     in_order = np.concatenate([np.arange(cut[1], natural.size), np.arange(cut[1])])
     return CumulativeFit(
@@ -381,7 +378,7 @@ def rating_model(
         _indicator(condition, len(names)), y, effects, link,
         {name: chosen[part.index.to_numpy()] for name, part in parts}, known,
     )  # fmt: skip
-    fit = rated.fit(places.names, inference)
+    fit = rated.fit(inference)
     notes = _notes(fit, people, [name for name in known if name not in used])
     notes += [
         f"each {name} has one rating of a condition: how it departs there is part of the SD"
@@ -455,7 +452,7 @@ def paired_ratings(
         effects[group + IN_CONDITION] = RandomFactor(liked, np.array([[1.0, -1.0]] * len(rows)))
     given = {name: y[(sides[0] == k) | (sides[1] == k)] for k, name in enumerate(names)}
     rated = _Trials(gap, y, effects, link, given, used)
-    fit = rated.fit({}, inference)
+    fit = rated.fit(inference)
     twice = {group: np.concatenate([code, code]) for group, code in groups.items()}
     crossed = CrossedDesign.of(np.concatenate(sides), twice, fit.sd)
     model = _model(rated, pairs, fit, crossed, _notes(fit, people, []), asked, inference)
@@ -477,10 +474,10 @@ class _Trials:
     given: Mapping[str, Ints]
     scale: Sequence[str]
 
-    def fit(self, levels: Mapping[str, Sequence[str]], inference: Inference) -> CumulativeFit:
-        """Fit the model of all conditions; `levels` name those of effects."""
+    def fit(self, inference: Inference) -> CumulativeFit:
+        """Fit the model of all conditions."""
         return fit_cumulative(
-            self.conditions[:, 1:], self.y, self.effects, link=self.link, names=levels,
+            self.conditions[:, 1:], self.y, self.effects, link=self.link,
             level=inference.profile_level,
         )  # fmt: skip
 

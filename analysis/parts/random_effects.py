@@ -1,18 +1,16 @@
-"""Random effects of a report's mixed models: how much people and scenes differ, and who how."""
+"""Random effects of a report's mixed models: how much people and scenes differ."""
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 import pandas as pd
 from numpy.random import Generator
 
 from analysis.models.mixed.deviations import MOST_PROFILED, Deviation
-from analysis.parts import AnalysisPlan, AnyPart, Part, PartFigure, PartNumbers, Presentation
-from analysis.plots.trial_plots import caterpillar_plot
+from analysis.parts import AnalysisPlan, AnyPart, Part, PartNumbers, Presentation
 from analysis.report.result_table import (
     ResultTable,
     attribute,
@@ -20,7 +18,7 @@ from analysis.report.result_table import (
     limits,
 )
 from analysis.report.wording import level_text, number_range, placed, share
-from protocols.blocks import FigurePlace, Paragraph
+from protocols.blocks import Paragraph
 
 P = TypeVar("P", bound=AnalysisPlan, contravariant=True)
 
@@ -49,7 +47,7 @@ class RandomEffectResults:
 
 
 class RandomEffectsPart(Part[P, RandomEffectResults]):
-    """Deviations with profile limits, shares of variance, and a caterpillar of their levels.
+    """Deviations with profile limits, and shares of variance.
 
     `of` is the part whose models they are of.
     """
@@ -82,19 +80,18 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
         notes = []
         if any(math.isnan(own.lower) for one in models for own in one.deviations):
             notes.append(
-                f"deviations of {self.about} have no profile limits, and no levels: more than"
+                f"deviations of {self.about} have no profile limits: more than"
                 f" {MOST_PROFILED} random effects would take minutes"
             )
         return RandomEffectResults(models, tuple(notes))
 
     def show(self, found: RandomEffectResults, plan: P) -> Presentation:
-        """Return the deviations, and the levels of participants and scenes."""
+        """Return the deviations."""
         rows = [
             ModelDeviation(**vars(own), model=one.model)
             for one in found.models
             for own in one.deviations
         ]
-        name, drawn = self.name, [own for own in rows if own.levels]
         model = attribute("Model", "model", str, "l c")
         table = ResultTable[ModelDeviation].of(
             f"Random effects of {self.about}",
@@ -114,7 +111,6 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
                     " (intraclass correlation); none where effects differ by condition.",
                     muted=True,
                 ),
-                FigurePlace(name),
             ),
             sentences=tuple(
                 f"Random effects of {self.about}{own.model and f' ({own.model})'}: the SD of"
@@ -127,36 +123,8 @@ class RandomEffectsPart(Part[P, RandomEffectResults]):
                 f"Standard deviations of random effects of {self.about} have limits of the profile"
                 " likelihood."
             ),
-            tables={
-                f"{name}.csv": table.frame(),
-                **({f"{name}_levels.csv": _levels(drawn)} if drawn else {}),
-            },
-            figures=[self._figure(drawn, plan)] if drawn else [],
+            tables={f"{self.name}.csv": table.frame()},
         )
-
-    def _figure(self, drawn: Sequence[Deviation], plan: P) -> PartFigure:
-        levels = {own.name: own.levels for own in drawn}
-        caption = (
-            f"Random effects of {self.about}: how far each {' and '.join(levels)} lies from the"
-            f" typical one, with {plan.limits} given the model's deviations."
-        )
-        draw = partial(
-            caterpillar_plot,
-            levels,
-            x_label=f"From the typical one, {self.unit}",
-            level=plan.confidence,
-            label=plan.label,
-        )
-        return PartFigure(self.name, caption, draw)
-
-
-def _levels(rows: Sequence[ModelDeviation]) -> pd.DataFrame:
-    return pd.DataFrame(
-        {"model": own.model, "of": own.name, "level": one.name}
-        | {"value": one.value, "error": one.error}
-        for own in rows
-        for one in own.levels
-    )
 
 
 class RightEffects(RandomEffectsPart[AnalysisPlan]):
@@ -171,25 +139,6 @@ class RightEffects(RandomEffectsPart[AnalysisPlan]):
     def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[ModelEffects]:
         """Yield the mixed one."""
         yield ModelEffects("", found.mixed.deviations)
-
-
-class TimeEffects(RandomEffectsPart[AnalysisPlan]):
-    """Random effects of the model of reaction times."""
-
-    name: ClassVar[str] = "random_times"
-    section: ClassVar[tuple[str, str]] = ("checks", "Learning, speed")
-    needs: ClassVar[tuple[str, ...]] = ("times",)
-    about: ClassVar[str] = "reaction times"
-    unit: ClassVar[str] = "ln s"
-
-    def wanted(self, table: pd.DataFrame, plan: AnalysisPlan) -> bool:
-        """Return True if times are modelled."""
-        return plan.reaction == "models" and super().wanted(table, plan)
-
-    def models(self, found: Any, _plan: AnalysisPlan) -> Iterator[ModelEffects]:
-        """Yield the log-normal one."""
-        if found.model is not None:
-            yield ModelEffects("", found.model.deviations)
 
 
 class RatingEffects(RandomEffectsPart[AnalysisPlan]):

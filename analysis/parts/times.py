@@ -194,8 +194,7 @@ def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
 def _deviations(model: TimeModel) -> dict[str, float]:
     """Return standard deviations of all effects of the model but the residual, by name."""
     return {
-        " x ".join(f"{word}s" for word in one.name.split(" x ")): one.sd
-        for one in model.deviations[:-1]
+        " x ".join(f"{word}s" for word in name.split(" x ")): sd for name, sd in model.sd.items()
     }
 
 

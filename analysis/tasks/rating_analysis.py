@@ -4,7 +4,7 @@ import pandas as pd
 
 from analysis.models.ordinal import lacking
 from analysis.parts.learning import StepLearning
-from analysis.parts.random_effects import RatingEffects, TimeEffects
+from analysis.parts.random_effects import RatingEffects
 from analysis.parts.ratings import RatingsPart
 from analysis.parts.times import TimesPart
 from analysis.plans.rating_plan import RatingPlan
@@ -29,7 +29,6 @@ class RatingsTask(TaskAnalysis[RatingTableSection, RatingPlan]):
         RatingEffects(RatingsPart()),
         StepLearning(),
         TimesPart(),
-        TimeEffects(TimesPart()),
     )
     options = RatingTableSection
 

@@ -7,7 +7,6 @@ import pandas as pd
 
 from analysis.models.cells import conditions
 from analysis.parts.correct import below_guessing
-from analysis.parts.random_effects import TimeEffects
 from analysis.parts.times import TimesPart
 from analysis.plans.rating_plan import OneColumnPlan
 from analysis.plans.table_sections import TimeTableSection
@@ -30,7 +29,7 @@ class TableOfTimes(TaskAnalysis[TimeTableSection, TimesPlan]):
     kind = "reaction"
     task = "reaction times"
     options = TimeTableSection
-    parts = (TimesPart(), TimeEffects(TimesPart()))
+    parts = (TimesPart(),)
 
     def plan_of_table(
         self, decisions: pd.DataFrame, name: str, section: TimeTableSection

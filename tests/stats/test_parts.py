@@ -31,7 +31,7 @@ _RIGHT = ("rates", "sensitivity", "comparisons", "models", "random_effects", "pe
 REPORTS = {
     "two-answers": (
         *(*_RIGHT, "curves", "thresholds", "goodness"),
-        *("learning", "times", "random_times"),
+        *("learning", "times"),
     ),
     "detection": (*_RIGHT, "typical"),
     "abx": (*_RIGHT, "critical"),
@@ -43,7 +43,7 @@ REPORTS = {
 }
 _LEVELS = ("--level", "level", "--by", "method", "--falling")
 COMMANDS = {
-    ("reaction", "--by", "method"): ("two-answers", ("times", "random_times")),
+    ("reaction", "--by", "method"): ("two-answers", ("times",)),
     ("ratings", "--by", "method"): ("ratings", ("ratings", "random_ratings")),
     ("psychometric", *_LEVELS, "--guess", "0.25"): (
         "four-answers",
@@ -75,21 +75,12 @@ SAID = {
         "methods": "have limits of the profile likelihood",
         "tables": {"random_effects.csv"},
     },
-    "random_times": {
-        "section": "checks",
-        "caption": "Random effects of reaction times",
-        "sentence": "Random effects of reaction times: the SD of participant was",
-        "methods": "random effects of reaction times have limits",
-        "tables": {"random_times.csv", "random_times_levels.csv"},
-        "figure": "random_times",
-    },
     "random_ratings": {
         "section": "ratings",
         "caption": "Random effects of ratings",
         "sentence": "Random effects of ratings: the SD of participant was",
         "methods": "random effects of ratings have limits",
-        "tables": {"random_ratings.csv", "random_ratings_levels.csv"},
-        "figure": "random_ratings",
+        "tables": {"random_ratings.csv"},
     },
     "preferences": {
         "section": "preference",

@@ -5,7 +5,7 @@ of different participants, form small blocks, and the few others, such as scenes
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeVar
@@ -173,7 +173,7 @@ class RandomEffects:
                 f"a mixed model must tie at most {MOST_PAIRS:,} pairs of participants, scenes and"
                 f" their combinations with conditions (there are {pairs:,}); {_CURE}"
             )
-        self.factors = len(groups)
+        self.factors, self.count = len(groups), int(starts[-1])
         self.size = self._blocks[0] * self._blocks[1] + self._border
         self._kept = [slot[low:high] for low, high in pairwise(starts)]
         self.factor = np.full(self.size, len(groups))
@@ -250,17 +250,6 @@ class RandomEffects:
             minlength=len(self._kept),
         )
         return np.asarray((half * scale[self._first]).sum(axis=0)), trace.astype(np.float64)
-
-    def in_order(self, arrow: Arrow) -> Callable[[Floats], Floats]:
-        """Return the inverse times a vector of the levels of all factors, in their order."""
-        kept = np.concatenate(self._kept)
-
-        def solve(levels: Floats) -> Floats:
-            slots = np.zeros(self.size)
-            slots[kept] = levels
-            return arrow.solve(slots)[kept]
-
-        return solve
 
     def totals(self, slots: Floats) -> Floats:
         """Return the sum over the effects of each factor."""

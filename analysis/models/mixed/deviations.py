@@ -1,4 +1,4 @@
-"""Standard deviations of random effects: profile limits, shares of variance, and their levels."""
+"""Standard deviations of random effects: profile limits and shares of variance."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -23,18 +23,6 @@ _LONGEST = 20
 
 
 @dataclass(frozen=True)
-class EffectLevel:
-    """Deviation of one participant or scene from the typical one, and its standard error.
-
-    The mode given the data, and its conditional deviation, as lme4's ``ranef``.
-    """
-
-    name: str
-    value: float
-    error: float
-
-
-@dataclass(frozen=True)
 class Deviation:
     """The standard deviation of one random effect.
 
@@ -45,8 +33,6 @@ class Deviation:
     icc : float
         Share of the variance of one answer on the model's scale (intraclass correlation); NaN of
         slopes.
-    levels : tuple of EffectLevel
-        Of participants and scenes.
     """
 
     name: str
@@ -54,7 +40,6 @@ class Deviation:
     lower: float
     upper: float
     icc: float
-    levels: tuple[EffectLevel, ...] = ()
 
 
 def profile_limits(
@@ -159,10 +144,8 @@ class FittedEffects:
     held : callable
         From the number of an effect and its deviation, held there, to the maximum over all else;
         `best` where none is held.
-    modes : sequence of ndarray (levels,)
-        Levels of each effect.
-    solve : callable
-        Inverse of the levels' curvature, in units of the deviations, times a vector (all levels,).
+    effects : int
+        Number of their levels together.
     rest : float
         Variance of one answer. `slopes` name the deviations that have no share of it: where what
         they multiply is at its middle they are 0.
@@ -172,32 +155,22 @@ class FittedEffects:
     errors: Floats
     held: Callable[[int, float], float]
     best: float
-    modes: Sequence[Floats]
-    solve: Callable[[Floats], Floats]
+    effects: int
     rest: float
     slopes: Sequence[str] = ()
 
-    def deviations(self, level: float, names: Mapping[str, Sequence[str]]) -> tuple[Deviation, ...]:
-        """Return deviations with profile limits, their shares of the variance, and their levels.
+    def deviations(self, level: float) -> tuple[Deviation, ...]:
+        """Return deviations with profile limits, and their shares of the variance.
 
-        Of more than `MOST_PROFILED` levels neither limits nor levels are had. `names` are those of
-        the levels that are wanted, by effect.
+        Of more than `MOST_PROFILED` levels limits are not had.
         """
         total = self.rest + sum(own**2 for name, own in self.sd.items() if name not in self.slopes)
-        ends_at = np.cumsum([len(one) for one in self.modes])
-        effects, found = ends_at[-1], []
+        found = []
         for number, (name, own) in enumerate(self.sd.items()):
             ends: tuple[float, float] = math.nan, math.nan
-            levels: tuple[EffectLevel, ...] = ()
-            if effects <= MOST_PROFILED:
+            if self.effects <= MOST_PROFILED:
                 held, error = partial(self.held, number), float(self.errors[number])
                 ends = profile_limits(held, own, self.best, error, level)
-                if name in names:
-                    mode, last = self.modes[number], ends_at[number]
-                    units = np.eye(effects)[last - len(mode) : last]
-                    spread = [float(unit @ self.solve(unit)) for unit in units]
-                    apart = (own * np.sqrt(spread)).tolist()
-                    levels = tuple(map(EffectLevel, names[name], mode.tolist(), apart))
             icc = math.nan if name in self.slopes else own**2 / total
-            found.append(Deviation(name, own, *ends, icc, levels))
+            found.append(Deviation(name, own, *ends, icc))
         return tuple(found)

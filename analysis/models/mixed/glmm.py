@@ -190,12 +190,11 @@ def crossed_deviations(
     fit: CrossedFit,
     design: Floats,
     names: Sequence[str],
-    levels: Mapping[str, Sequence[str]],
     *,
     slopes: Sequence[str] = (),
     level: float = 0.95,
 ) -> tuple[Deviation, ...]:
-    """Return the deviations of a fit with profile limits, shares of variance, and their levels.
+    """Return the deviations of a fit with profile limits and shares of variance.
 
     Parameters
     ----------
@@ -203,15 +202,13 @@ def crossed_deviations(
         As of the fit.
     names : sequence of str
         Of its random effects; `slopes` are those that are no intercepts.
-    levels : mapping of effect to names of its levels
-        Of those whose levels are wanted.
     """
     model = LaplaceLikelihood(design, fit.counted, fit.response)
     point = np.concatenate([fit.beta, fit.sd, fit.response.start()])
     sds = dict(zip(names, fit.sd.tolist(), strict=True))
     link = fit.response.link
     return laplace_deviations(
-        model, point, fit.covariance, sds, levels, link=link, slopes=slopes, level=level
+        model, point, fit.covariance, sds, link=link, slopes=slopes, level=level
     )
 
 
@@ -220,7 +217,6 @@ def laplace_deviations(
     point: Floats,
     covariance: Floats,
     sds: Mapping[str, float],
-    levels: Mapping[str, Sequence[str]],
     *,
     link: str,
     slopes: Sequence[str] = (),
@@ -235,18 +231,17 @@ def laplace_deviations(
     sds : mapping of name to deviation
     link : key of `LATENT_VARIANCE`
     """
-    at, first = model.solved(point), model.design.shape[1]
+    first = model.design.shape[1]
     errors = np.sqrt(np.diag(covariance).clip(min=0.0))
     return FittedEffects(
         sd=sds,
         errors=errors[first : first + len(sds)],
         held=lambda number, sd: held_maximum(model, point, covariance, first + number, sd),
-        best=-at.value,
-        modes=model.effects.by_factor(at.scale * at.b),
-        solve=model.effects.in_order(at.arrow),
+        best=-model.solved(point).value,
+        effects=model.effects.count,
         rest=LATENT_VARIANCE[link],
         slopes=slopes,
-    ).deviations(level, levels)
+    ).deviations(level)
 
 
 def reduced_ratio(

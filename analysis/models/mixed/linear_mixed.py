@@ -2,20 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import scipy
 
 from analysis.arrays import Floats, Ints
 from analysis.models.mixed.arrow_matrix import Arrow, ArrowMatrix, RandomEffects
-from analysis.models.mixed.deviations import Deviation, FittedEffects
 
 STARTS = (1.0, 0.3, 0.05)
 """Deviations, as shares of the residual's, from which the search begins."""
 
-IMPOSSIBLE = 1e10
-"""Minus the log likelihood where the equations are singular."""
 LARGEST = 300.0
 """Largest such share: beyond it the levels take all there is, and the equations are singular."""
 LEAST_RATIO = 1e-8
@@ -33,7 +29,6 @@ class LinearMixed:
     sd: Mapping[str, float]
     residual_sd: float
     log_likelihood: float
-    deviations: tuple[Deviation, ...] = ()
 
 
 def fit_linear_mixed(
@@ -41,8 +36,6 @@ def fit_linear_mixed(
     y: Floats,
     groups: Mapping[str, Ints],
     *,
-    names: Mapping[str, Sequence[str]] | None = None,
-    level: float | None = None,
     restricted: bool = True,
     starts: Sequence[Mapping[str, float]] = (),
 ) -> LinearMixed:
@@ -55,11 +48,6 @@ def fit_linear_mixed(
     y : ndarray (rows,)
     groups : mapping of name to ndarray (rows,)
         Level of each random intercept.
-    names : mapping of group to names of its levels, optional
-        Whose levels are wanted in `LinearMixed.deviations`.
-    level : float, optional
-        Coverage of profile limits of the deviations, the last of them the residual's; left out,
-        there are none.
     restricted : bool
         False: the likelihood itself, whose ratios compare models of other designs.
     starts : sequence of mappings of group to deviation
@@ -102,14 +90,12 @@ def fit_linear_mixed(
     variance = at.squares / products.free
     residual = float(np.sqrt(variance))
     sds = residual * np.sqrt(best)
-    profiled = partial(products.deviations, list(groups), best, residual, names or {})
     return LinearMixed(
         beta=at.beta,
         covariance=np.asarray(variance * np.linalg.inv(at.left), dtype=np.float64),
         sd=dict(zip(groups, sds.tolist(), strict=True)),
         residual_sd=residual,
         log_likelihood=-0.5 * products.profile(best)[0],
-        deviations=() if level is None else profiled(level),
     )
 
 
@@ -169,61 +155,6 @@ class _Products:
         variance = at.squares / self.free
         deviance = at.determinants + self.free * (1.0 + float(np.log(2.0 * np.pi * variance)))
         return deviance, determinants + squares / variance
-
-    def deviations(
-        self,
-        groups: Sequence[str],
-        ratios: Floats,
-        residual: float,
-        names: Mapping[str, Sequence[str]],
-        level: float,
-    ) -> tuple[Deviation, ...]:
-        """Return the deviations with profile limits (of REML), shares of variance, and levels."""
-        sd = residual * np.sqrt(np.append(ratios, 1.0))
-        at = self.at(ratios)
-        return FittedEffects(
-            sd=dict(zip([*groups, "residual"], sd.tolist(), strict=True)),
-            errors=0.2 * sd,
-            held=partial(self._held, sd),
-            best=-0.5 * self._deviance(ratios, residual**2)[0],
-            modes=self.effects.by_factor(at.modes),
-            solve=self.effects.in_order(at.inner),
-            rest=residual**2,
-            slopes=["residual"],
-        ).deviations(level, names)
-
-    def _held(self, sd: Floats, place: int, value: float) -> float:
-        """Return the largest restricted log likelihood where one deviation is held."""
-        unit = float(sd[-1]) ** 2  # the residual's, which is above 0
-
-        def cost(free: Floats) -> tuple[float, Floats]:
-            *own, last = np.insert(unit * free, place, value**2)
-            variance = max(float(last), unit / LARGEST**2)
-            ratios = np.minimum(np.array(own) / variance, LARGEST**2)
-            try:
-                deviance, by_ratio, by_variance = self._deviance(ratios, variance)
-            except np.linalg.LinAlgError:  # the levels take all there is
-                return IMPOSSIBLE, np.zeros_like(free)
-            slope = np.append(by_ratio, variance * by_variance - by_ratio @ ratios) / variance
-            return 0.5 * deviance, 0.5 * unit * np.delete(slope, place)
-
-        found = scipy.optimize.minimize(
-            cost,
-            np.delete(sd, place) ** 2 / unit,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[(0.0, LARGEST**2)] * (sd.size - 1),
-            options={"ftol": 1e-9, "gtol": 1e-5},
-        )
-        return -float(found.fun)
-
-    def _deviance(self, ratios: Floats, variance: float) -> tuple[float, Floats, float]:
-        """Return the deviance at a variance of the residual, and its slopes in both."""
-        at = self.at(ratios)
-        determinants, squares = self.slopes(at)
-        deviance = at.determinants + self.free * float(np.log(2.0 * np.pi * variance))
-        by_variance = (self.free - at.squares / variance) / variance
-        return deviance + at.squares / variance, determinants + squares / variance, by_variance
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,6 @@ from analysis.models.contrasts import (
     wald,
     with_holm,
 )
-from analysis.models.mixed.deviations import Deviation
 from analysis.models.mixed.inference import USUAL, Draws, Inference
 from analysis.models.mixed.linear_mixed import LinearMixed, fit_linear_mixed
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
@@ -76,6 +75,8 @@ class TimeModel:
     participant_sd, interaction_sd, scene_sd, scene_interaction_sd, residual_sd : float
         Of ln s: between people, of a person's deviation in a condition, between scenes, of a
         scene's deviation in a condition, the rest.
+    sd : mapping
+        The same by name of the effect, those of the model alone.
     log_likelihood : float
         Restricted (REML).
     """
@@ -95,8 +96,8 @@ class TimeModel:
     participants: int
     scenes: int
     warnings: tuple[str, ...]
-    deviations: tuple[Deviation, ...] = ()
     margins: Margins = NO_MARGINS
+    sd: Mapping[str, float] = field(default_factory=dict)
 
 
 def time_model(
@@ -144,7 +145,7 @@ def time_model(
     y = np.log(rows["rt_s"].to_numpy(dtype=np.float64))
     if design.shape[1] + len(effects) >= len(rows):
         raise ValueError(f"trials must hold more times than the model has numbers ({len(rows)})")
-    fit = fit_linear_mixed(design, y, effects, names=places.names, level=inference.profile_level)
+    fit = fit_linear_mixed(design, y, effects)
     level, beta, covariance, sd = inference.level, fit.beta, fit.covariance, fit.sd
     notes = [
         f"no variance between {kind} was found (sd 0)"
@@ -185,7 +186,7 @@ def time_model(
         participants=people,
         scenes=len(places.scenes),
         warnings=tuple(notes),
-        deviations=fit.deviations,
+        sd=sd,
         margins=margins(
             names, np.eye(len(names)), beta, covariance, crossed.df, level=level, asked=asked or {}
         ),

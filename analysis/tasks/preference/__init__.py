@@ -14,7 +14,6 @@ from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.interaction import PreferenceInteraction
 from analysis.parts.learning import ChoiceLearning
 from analysis.parts.preferences import PreferencesPart
-from analysis.parts.random_effects import TimeEffects
 from analysis.parts.scale import BOOTSTRAP_SAMPLES, ScalePart
 from analysis.parts.times import TimesPart
 from analysis.plans.preference_plan import (
@@ -48,7 +47,6 @@ class PreferenceOfPairs(TaskAnalysis[PreferenceTableSection, PreferencePlan]):
         BiasPart(),
         ChoiceLearning(),
         TimesPart(),
-        TimeEffects(TimesPart()),
     )
     constants: ClassVar[Mapping[str, int]] = {"seed": SEED, "bootstrap_samples": BOOTSTRAP_SAMPLES}
 

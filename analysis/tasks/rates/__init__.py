@@ -21,7 +21,7 @@ from analysis.parts.interaction import RateInteraction
 from analysis.parts.learning import RightLearning
 from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
 from analysis.parts.people import PeoplePart
-from analysis.parts.random_effects import RightEffects, TimeEffects
+from analysis.parts.random_effects import RightEffects
 from analysis.parts.right_models import ModelsPart
 from analysis.parts.sensitivity import DiscriminationPart, TypicalPart, YesNoPart
 from analysis.parts.times import TimesPart
@@ -69,7 +69,6 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         PeoplePart(),
         RightLearning(),
         TimesPart(),
-        TimeEffects(TimesPart()),
     )
 
 

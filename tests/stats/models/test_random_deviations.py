@@ -5,15 +5,12 @@ import math
 import re
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from analysis.models.logistic import ModelFit, glmm_logit, models_beside
 from analysis.models.mixed.deviations import profile_limits
-from analysis.models.mixed.glmm import crossed_deviations, fit_crossed
 from analysis.models.mixed.inference import Inference
-from analysis.models.mixed.linear_mixed import fit_linear_mixed
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import RandomFactor, fit_cumulative, rating_model
 from analysis.parts.right_models import apa_term
@@ -35,63 +32,15 @@ def right(times) -> ModelFit:
     return glmm_logit("hit ~ 1 + cond", times, groups=groups, inference=PROFILE)
 
 
-def test_deviations_of_times_have_the_restricted_profile_of_glmmtmb_and_lme4s_levels(times):
-    codes = {name: pd.factorize(times[name], sort=True)[0] for name in ("participant", "scene")}
-    names = {name: sorted(times[name].unique()) for name in codes}
-    design = pd.get_dummies(times["cond"]).to_numpy(float)
-    log = np.log(times["rt_s"].to_numpy())
-    fit = fit_linear_mixed(design, log, codes, names=names, level=0.95)
-    assert [one.name for one in fit.deviations] == ["participant", "scene", "residual"]
-    for one, sd in zip(fit.deviations, ORACLE["times_sd"], strict=True):
-        limits = ORACLE[f"times_{one.name}"]
-        assert one.sd == pytest.approx(sd, rel=1e-5)
-        assert (one.lower, one.upper) == pytest.approx(limits, rel=1e-3)
-    for one in fit.deviations[:2]:
-        assert [level.name for level in one.levels] == names[one.name]
-        values, errors = ([getattr(own, of) for own in one.levels] for of in ("value", "error"))
-        assert values == pytest.approx(ORACLE[f"times_modes_{one.name}"], abs=1e-5)
-        assert errors == pytest.approx(ORACLE[f"times_errors_{one.name}"], abs=1e-5)
-    variance = [sd**2 for sd in ORACLE["times_sd"]]
-    shares = [one.icc for one in fit.deviations[:2]]
-    assert shares == pytest.approx([own / sum(variance) for own in variance[:2]], rel=1e-4)
-    assert math.isnan(fit.deviations[2].icc)
-
-
-def test_deviations_of_right_answers_have_glmmtmbs_profile_and_lme4s_levels(right):
+def test_deviations_of_right_answers_have_glmmtmbs_profile(right):
     people, scenes = right.deviations
     assert (people.lower, people.upper) == pytest.approx(ORACLE["right_participant"], rel=1e-3)
     # Scenes do not differ: the lower limit is 0, and an upper one is there all the same.
     assert scenes.sd == pytest.approx(0.0, abs=1e-3)
     assert scenes.lower == 0.0
     assert scenes.upper == pytest.approx(ORACLE["right_scene"][1], rel=1e-3)
-    values, errors = ([getattr(own, of) for own in people.levels] for of in ("value", "error"))
-    assert values == pytest.approx(ORACLE["right_modes_participant"], abs=2e-3)
-    assert errors == pytest.approx(ORACLE["right_errors_participant"], abs=2e-3)
     own = ORACLE["right_sd"][0] ** 2
     assert people.icc == pytest.approx(own / (own + math.pi**2 / 3), abs=1e-3)
-
-
-def test_levels_of_people_who_lack_a_condition_have_the_errors_of_the_curvature(rng):
-    person, condition, scene = (one.ravel() for one in np.indices((7, 3, 5)))
-    keep = ~((person < 3) & (condition == 2))
-    person, condition, scene = person[keep], condition[keep], scene[keep]
-    y = (rng.random(person.size) < 1 / (1 + np.exp(-1.2 * rng.normal(size=7)[person]))) * 1.0
-    own = np.unique(3 * person + condition, return_inverse=True)[1]
-    groups, names = [person, own, scene], ["participant", "participant x condition", "scene"]
-    fit = fit_crossed(np.ones((y.size, 1)), y, groups)
-    sizes = [int(code.max()) + 1 for code in groups]
-    levels = {name: list(map(str, range(size))) for name, size in zip(names, sizes, strict=True)}
-
-    found = crossed_deviations(fit, np.ones((y.size, 1)), names, levels)
-
-    eta = fit.beta[0] + sum(fit.random[number][code] for number, code in enumerate(groups))
-    weight = np.exp(eta) / (1 + np.exp(eta)) ** 2
-    z = np.hstack(
-        [sd * np.eye(size)[code] for sd, size, code in zip(fit.sd, sizes, groups, strict=True)]
-    )
-    spread = np.sqrt(np.diag(np.linalg.inv(np.eye(sum(sizes)) + z.T @ (weight[:, None] * z))))
-    for one, sd, part in zip(found, fit.sd, np.split(spread, np.cumsum(sizes)[:-1]), strict=True):
-        assert [level.error for level in one.levels] == pytest.approx(sd * part, abs=1e-6)
 
 
 def test_the_deviation_of_ratings_has_the_profile_of_ordinals_clmm2(times):
@@ -116,19 +65,15 @@ def test_a_likelihood_that_never_falls_has_no_upper_limit():
 
 
 def test_models_of_reports_hold_deviations_of_every_effect(times):
-    model = time_model(times, ("cond",), inference=PROFILE)
-    assert [one.name for one in model.deviations][:2] == ["participant", "scene"]
     rated = rating_model(times, ("cond",), inference=PROFILE)
     assert {one.name: one.sd for one in rated.deviations} == rated.sd
-    assert [len(one.levels) for one in rated.deviations[:2]] == [9, 5]
-    assert all(one.lower <= one.sd <= one.upper for one in (*model.deviations, *rated.deviations))
+    assert all(one.lower <= one.sd <= one.upper for one in rated.deviations)
 
 
-def test_many_levels_have_no_profile_and_say_so(times, monkeypatch):
+def test_many_levels_have_no_profile(times, monkeypatch):
     monkeypatch.setattr("analysis.models.mixed.deviations.MOST_PROFILED", 5)
     fit = glmm_logit("hit ~ 1 + cond", times, groups=["participant"], inference=PROFILE)
     assert math.isnan(fit.deviations[0].lower)
-    assert fit.deviations[0].levels == ()
 
 
 def test_the_likelihood_ratio_stands_before_walds_statistic(times):

@@ -9,13 +9,13 @@ from fixed_studies import STORED
 
 from analysis.models.contrasts import Difference
 from analysis.models.mixed.deviations import Deviation
-from analysis.parts.random_effects import ModelEffects, RandomEffectResults, TimeEffects
+from analysis.parts.random_effects import ModelEffects, RandomEffectResults, RatingEffects
+from analysis.parts.ratings import RatingsPart
 from analysis.parts.shared import apa_difference
-from analysis.parts.times import TimesPart
-from analysis.plans.table_sections import TimeTableSection
+from analysis.plans.rating_plan import RatingPlan
+from analysis.plans.table_sections import RatingTableSection
 from analysis.plots import psychometric_plot
 from analysis.report.wording import number, number_range, size, size_range
-from analysis.tasks.time_tables import TimesPlan
 
 
 @pytest.mark.parametrize(
@@ -68,10 +68,10 @@ def ends_alike(text):
 @pytest.mark.parametrize("ends", [(0.352, 0.399), (0.0, 0.065), (0.17, 0.49), (12.3, 12.31)])
 def test_sentences_print_value_and_limits_to_one_digit(ends):
     middle = sum(ends) / 2
-    level = Deviation("residual", middle, *ends, 0.1)
-    plan = TimesPlan(section=TimeTableSection(), study="", title="")
+    level = Deviation("participant", middle, *ends, 0.1)
+    plan = RatingPlan(section=RatingTableSection(), study="", title="", scale=())
     effects = RandomEffectResults((ModelEffects("", (level,)),), ())
-    (deviation,) = TimeEffects(TimesPart()).show(effects, plan).sentences
+    (deviation,) = RatingEffects(RatingsPart()).show(effects, plan).sentences
 
     assert ends_alike(deviation.partition(" (ICC")[0])
 

@@ -57,7 +57,6 @@ WITHHELD = (
     "[learning]",
     "[times]",
     "[random_effects]",
-    "[random_times]",
 )
 """Models that say which of their terms the data do not identify; these have no number. A residual
 has no intraclass correlation."""

@@ -20,7 +20,6 @@ from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.compared_methods import counts, pairing_rows
 from analysis.models.critical_scaling import critical_scalings
 from analysis.models.detection import discrimination, yes_no
-from analysis.models.mixed.deviations import EffectLevel
 from analysis.models.order_and_side import Bias, order_bias, side_bias
 from analysis.models.ordinal import rating_model
 from analysis.models.preference import preferences
@@ -52,7 +51,6 @@ from analysis.plots import (
 from analysis.plots.preference_plots import _odds_ticks
 from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
 from analysis.plots.tasks import interaction_plot, ratings_plot
-from analysis.plots.trial_plots import caterpillar_plot
 from analysis.power import power
 from analysis.tasks import analysis_of
 from protocols.answer_rules import Alternatives
@@ -82,7 +80,6 @@ KINDS = (
     "power",
     "ratings",
     "rates",
-    "caterpillar",
     "interaction",
 )
 Draw = Callable[..., Figure]
@@ -161,10 +158,6 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     simulation = analysis_of("preference").simulation(demo_protocol)
     curve = power(simulation, {"rate": 0.65}, rng=np.random.default_rng(2), studies=200)
     right = [(one.condition, one.correct) for one in found.conditions]
-    lying = {
-        "participant": [EffectLevel(f"P{k:02d}", 0.1 * k, 0.2) for k in range(11)],
-        "scene": [EffectLevel(f"a long scene {k}", 0.3 * k, 0.2) for k in range(4)],
-    }
     sides = [
         (label(of), at, one.share, one.lower, one.upper)
         for of in ("metameric", "push-pull")
@@ -185,9 +178,6 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     return {
         "rates": lambda **k: rates_plot([one for _, one in right], **k),
         "ratings": lambda **k: ratings_plot(rated, **k),
-        "caterpillar": lambda **k: caterpillar_plot(
-            lying, x_label="From the typical one, log odds", **{"level": 0.95} | k
-        ),
         "interaction": lambda **k: interaction_plot(
             sides, title="Field of view", chance=0.5, **{"level": 0.95} | k
         ),
@@ -367,7 +357,6 @@ MEANINGS = {
     "bias": "95 % limits; grey dots: participants",
     "rates": "95 % limits; dashed: chance",
     "ratings": "95 % limits",
-    "caterpillar": "95 % limits",
     "interaction": "95 % limits; dashed: chance",
 }
 
@@ -380,20 +369,12 @@ def test_what_bars_mean_stands_on_the_figure(draw, kind, width_in):
     assert any(MEANINGS[kind] in text for text in texts)
 
 
-@pytest.mark.parametrize("kind", ["learning", "reaction", "bias", "caterpillar", "interaction"])
+@pytest.mark.parametrize("kind", ["learning", "reaction", "bias", "interaction"])
 def test_other_limits_are_named_on_the_figure(draw, kind):
     texts = " ".join(text for text, _ in visible_texts(draw[kind](width_in=7.0, level=0.9)))
 
     assert "90 % limits" in texts
     assert "95" not in texts
-
-
-def test_levels_that_are_all_typical_lie_on_one_line():
-    """Rounding of a search, 1e-11 of the unit, is not stretched over the axis."""
-    levels = [EffectLevel(name, (-1) ** k * 1e-11, 1e-11) for k, name in enumerate("abc")]
-    axes = caterpillar_plot({"participant": levels}, x_label="logits", level=0.95).axes[0]
-
-    assert np.ptp(axes.get_xlim()) > 0.01
 
 
 def test_the_band_of_the_course_has_the_level_asked_for(draw):

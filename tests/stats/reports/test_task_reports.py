@@ -163,22 +163,18 @@ SECTIONS = {
 FIGURES = {
     "yes-no": {
         "correct", "detection", "sensitivity", "participants", "scenes", "learning", "reaction",
-        "random_effects",
     },
     "identification": {
         "correct", "sensitivity", "confusion", "levels", "psychometric", "goodness", "people",
         "participants", "learning", "reaction",
-        "random_effects",
     },
     "adaptive": {
         "correct", "sensitivity", "confusion", "levels", "psychometric", "goodness", "people",
         "participants", "reaction",
-        "random_effects",
     },
     "abx": {
         "correct", "sensitivity", "levels", "psychometric", "goodness", "people", "scaling",
         "participants", "scenes", "learning", "reaction",
-        "random_effects",
     },
 }  # fmt: skip
 
