@@ -404,42 +404,6 @@ def times_power(scale_down: int) -> list[TimesPower]:
     return rows
 
 
-METHODS = ("m00", "m01", "m02")
-
-
-def made_up_decisions(
-    rng: np.random.Generator,
-    people: int,
-    scenes: int,
-    repeats: int,
-    participant_sd: float,
-    scene_sd: float,
-) -> pd.DataFrame:
-    """Draw decisions between three methods that are equal on average."""
-    first, second = pair_index(len(METHODS))
-    ranges = (range(n) for n in (people, scenes, repeats, first.size))
-    person, scene, repeat, pair = (axis.ravel() for axis in np.meshgrid(*ranges, indexing="ij"))
-    swapped = repeat % 2 == 1 if repeats > 1 else rng.random(pair.size) < 0.5
-    shown = np.where(swapped, [second[pair], first[pair]], [first[pair], second[pair]])
-    own = participant_sd * rng.standard_normal((people, len(METHODS)))
-    place = scene_sd * rng.standard_normal((scenes, len(METHODS)))
-    odds = own[person, shown[0]] + place[scene, shown[0]]
-    odds = odds - own[person, shown[1]] - place[scene, shown[1]]
-    chose = rng.random(pair.size) < expit(odds)
-    names = np.array(METHODS)
-    return pd.DataFrame(
-        {
-            "participant": np.char.add("P", person.astype(str)),
-            "scene": np.char.add("s", scene.astype(str)),
-            "first": names[shown[0]],
-            "second": names[shown[1]],
-            "chose_first": chose.astype(int),
-            "chosen": names[np.where(chose, *shown)],
-            "rt_s": np.exp(rng.normal(0.0, 0.4, pair.size)).round(3),
-        }
-    )
-
-
 def main(argv: list[str]) -> int:
     """Print tables; with ``--json FILE`` also write them."""
     parser = argparse.ArgumentParser(prog="benchmarks.analysis", description=__doc__)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import Any, Generic
 
 import numpy as np
@@ -245,7 +244,7 @@ def laplace_deviations(
 
 
 def reduced_ratio(
-    fit: CrossedFit, contrast: Floats, dropped: int, design: Floats, *, starts: int | None = None
+    fit: CrossedFit, contrast: Floats, dropped: int, design: Floats
 ) -> tuple[float, Floats, Floats]:
     """Return the likelihood ratio of `fit` and of the same model where a contrast is 0.
 
@@ -256,8 +255,6 @@ def reduced_ratio(
     contrast : ndarray (coefficients,)
     dropped : int
         The coefficient that `design`, the one of the smaller model, no longer has.
-    starts : int, optional
-        How many searches at most; left out, one for each factor.
     """
     theta = np.concatenate([fit.beta, fit.sd, fit.response.start()])
     along = np.concatenate([contrast, np.zeros(theta.size - contrast.size)])
@@ -268,8 +265,7 @@ def reduced_ratio(
     keep = np.arange(theta.size) != dropped
     rough = rough[np.ix_(keep, keep)] + ROUGH_RIDGE**2 * ROUGH_VARIANCE * np.eye(theta.size - 1)
     found: list[tuple[float, Floats]] = []
-    begins = _absorbed(start, fit, abs(float(along @ theta)))
-    for begin in islice(begins, starts):
+    for begin in _absorbed(start, fit, abs(float(along @ theta))):
         model = LaplaceLikelihood(design, fit.counted, fit.response)
         less = _found(model, begin[keep], 0.5 * (rough + rough.T))
         found.append((-model(less)[0], less))
