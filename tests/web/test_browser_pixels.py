@@ -91,7 +91,8 @@ def held(of: BuiltWebStudy) -> list[list[str]]:
 
 
 def pixels_of(of: BuiltWebStudy, name: str) -> PixelBytes:
-    clip = next(clip for clip in of.manifest.clips if clip.name == name)
+    names = WebBuild(of.study, of.display, of.manifest).names
+    clip = next(clip for clip in of.manifest.clips if names[clip.name] == name)
     return np.asarray(Image.open(of.stimuli / clip.frame_path(0)).convert("RGB"))
 
 

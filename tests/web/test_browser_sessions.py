@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 import threading
 import time
 
@@ -9,6 +10,7 @@ import pytest
 from web_browser import Browser, Site, begin, said, served, until, whole
 from web_study import WEB_CASES, BuiltWebStudy, brought_home
 
+from protocols.browser.web_study import DRAWN_CODES
 from protocols.journal import SessionResume
 from protocols.journal_file import Journal, read_journal
 from study_app.session_folders import find_sessions
@@ -46,6 +48,7 @@ def session_of(of: BuiltWebStudy, site: Site, root) -> Journal:
     """Bring home what a site holds: one whole session, to which Python agrees."""
     (imported,) = brought_home(of, site.lines, root)
     assert (imported.state, imported.reason) == ("imported", "completed"), imported.message
+    assert re.fullmatch(DRAWN_CODES, imported.participant)
     (session,) = find_sessions(root)
     assert (session.state, list(verify(session, of.study).problems)) == ("completed", [])
     return read_journal(root / of.study.study.name / imported.participant / "journal.jsonl")
