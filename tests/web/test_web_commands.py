@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 from command_line import result_of
 from task_cases import CASES, case_text
+from undrawn_reports import undrawn
 from web_kernel import running_kernel
 from web_study import FHD, BuiltWebStudy, with_pixels
 
+from analysis.report.write_report import report_sessions
 from protocols.browser.web_study import WebStudy
 from protocols.errors import StudyError
 from protocols.load import load_protocol, load_study
@@ -200,6 +202,44 @@ def test_results_come_home_by_a_command_from_archives_of_both_layouts(exported, 
     listed = metamerlab("session", "list", tmp_path / "sessions", status=None)
     assert listed.output.count("browser") == 2
     metamerlab("session", "verify", tmp_path / "sessions", "--protocol", lab / "study.toml")
+
+
+@pytest.mark.slow
+def test_commands_say_which_session_went_on_at_another_refresh_rate(exported, lab, tmp_path):
+    study, _ = load_study(lab / "study.toml")
+    of = BuiltWebStudy(study, FHD, read_manifest(lab / "clips"), lab / "clips", exported[1])
+    with running_kernel(tmp_path) as kernel:
+        told = of.session(kernel, "W1", rate_hz=120.0, luck=2, page={"most": 12})
+        page = {"past": told["past"], "rates_hz": [60.0], "opened_s": 900}
+        lines = told["results"] + of.session(kernel, "W1", luck=2, page=page)["results"]
+    (tmp_path / "lines.txt").write_text("".join(lines))
+    sessions, protocol = tmp_path / "sessions", ("--protocol", lab / "study.toml")
+    metamerlab(
+        "session", "import-web", tmp_path / "lines.txt", *protocol, "--stimuli", lab / "clips",
+        "--sessions", sessions,
+    )  # fmt: skip
+    attempt = sum('"kind":"attempt"' in line for line in told["results"]) + 1
+    change = f"60 Hz from attempt {attempt}"
+
+    metamerlab("session", "verify", sessions, *protocol)
+    assert "completed" in metamerlab("session", "list", sessions).output
+    status = metamerlab("session", "status", sessions / "short/W1").output
+    assert change in status
+    assert "120 Hz" in status
+    metamerlab("analysis", "tidy", sessions, *protocol, "--out", tmp_path / "tables")
+    assert change in (tmp_path / "tables/sessions.csv").read_text()
+    with undrawn():
+        report_sessions(sessions, study, tmp_path / "report", figure_files=False)
+    page = (tmp_path / "report/report.html").read_text(encoding="utf-8")
+    assert f"Gone on at another refresh rate: short/W1 ({change})." in page
+    bids = tmp_path / "bids"
+    metamerlab(
+        "analysis", "export", sessions, *protocol, "--format", "bids", "--out", bids,
+        "--display", "fhd27-60hz",
+    )  # fmt: skip
+    runs = [json.loads(one.read_text()) for one in sorted(bids.rglob("*run-*_events.json"))]
+    rates = [one["StimulusPresentation"]["ScreenRefreshRate"] for one in runs]
+    assert rates == [120.0, 60.0]
 
 
 def test_an_archive_that_is_damaged_or_of_nothing_of_ours_is_one_message(lab, tmp_path):
