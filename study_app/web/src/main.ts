@@ -5,7 +5,7 @@ import { LineLog, type Begun } from "./kernel/lines";
 import { FileError, fetched, Files, sha256 } from "./stage/files";
 import { checkDevice, machineOf, measuredRate, nearestRate, Refusal, scaleOf } from "./stage/gate";
 import { copyLink, firstPage, withdrawal } from "./stage/first_page";
-import { cover, fillScreen, lineOf, Screen, showNote } from "./stage/screen";
+import { button, cover, fillScreen, lineOf, Screen, showNote } from "./stage/screen";
 import { filled, wordsOf, type Words } from "./stage/words";
 import { holdLink, type Hold } from "./store/one_tab";
 import { CopyingStore, JatosStore, LocalStore, insist, UnsentError, type Jatos, type Told } from "./store/stores";
@@ -139,8 +139,7 @@ function storeOf({ jatos, link }: Options, study: WebStudy, told?: Told): Copyin
 async function held(store: CopyingStore, pages: HTMLElement, words: Words, jatos?: Jatos): Promise<Hold> {
   const waits = (ask: () => void) => {
     showNote(pages, words.busy);
-    const here = document.createElement("button");
-    here.textContent = words.here;
+    const here = button(words.here);
     here.addEventListener("click", () => {
       here.disabled = true;
       ask();
@@ -150,7 +149,8 @@ async function held(store: CopyingStore, pages: HTMLElement, words: Words, jatos
   };
   const leaves = async () => {
     await store.close();
-    showNote(document.body, words.moved);
+    document.body.replaceChildren(); // nothing of the session goes on here
+    showNote(stageElements()[1], words.moved);
     if (document.fullscreenElement) await document.exitFullscreen().catch(() => undefined);
   };
   const hold = await holdLink(store.name, waits, leaves);

@@ -43,11 +43,13 @@ export async function holdLink(
 function locked(name: string, busy: () => void): Promise<() => void> {
   return new Promise((resolve) => {
     const hold = () => new Promise<void>(resolve);
-    void navigator.locks.request(name, { ifAvailable: true }, (lock) => {
+    const first = (lock: Lock | null) => {
       if (lock) return hold();
       busy();
-      void navigator.locks.request(name, hold);
-      return null;
+      return navigator.locks.request(name, hold);
+    };
+    navigator.locks.request(name, { ifAvailable: true }, first).catch(() => {
+      resolve(() => undefined); // refused, as in a frame without rights: nobody waits
     });
   });
 }
