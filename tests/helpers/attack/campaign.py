@@ -63,6 +63,7 @@ def run_inputs(
     total: int,
     *,
     readers: Sequence[Reader] = READERS,
+    write: Callable[[Path], object] = write_samples,
     keep: Path | None = None,
     until_s: float = float("inf"),
     on_input: Callable[[str, int], None] = lambda _reader, _count: None,
@@ -71,6 +72,8 @@ def run_inputs(
 
     Parameters
     ----------
+    write : callable
+        Fills a folder with the whole files of the readers.
     keep : Path, optional
         Where inputs that fail are written.
     until_s : float
@@ -82,7 +85,7 @@ def run_inputs(
     with tempfile.TemporaryDirectory() as made:
         samples = Path(made) / "samples"
         samples.mkdir()
-        write_samples(samples)
+        write(samples)
         parts = sum(reader.weight for reader in readers)
         for place, reader in enumerate(readers):
             share = math.ceil(total * reader.weight / parts)
