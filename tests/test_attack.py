@@ -11,7 +11,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from attack import bombs, campaign, mutations, outputs
+from attack import bombs, campaign, home_lines, mutations, outputs
 from attack.__main__ import main
 from attack.campaign import run_inputs
 from attack.mutations import mutated
@@ -130,6 +130,26 @@ def test_whatever_place_any_command_is_given_a_users_files_stay(full):
     seed = time.time_ns() % 10**6 if full else 24
     cases = outputs.CASES if full else Random(seed).sample(outputs.CASES, 15)
     assert outputs.attack_outputs(cases, seed) == (len(cases), []), f"seed {seed}"
+
+
+@pytest.mark.slow
+def test_an_honest_participant_is_imported_whatever_another_sends(full, tmp_path):
+    """Some edits of one task, always the same; with --full 2,000 of five tasks, each run others."""
+    seed = time.time_ns() % 10**6 if full else 24
+    tasks = home_lines.TASKS if full else home_lines.TASKS[:1]
+    results = home_lines.attack_lines(2000 if full else 16, seed, tmp_path, tasks=tasks)
+    assert [failure for result in results for failure in result.failures] == [], f"seed {seed}"
+    assert sum(result.refused for result in results) > (1000 if full else 6)
+
+
+@pytest.mark.slow
+def test_an_honest_participant_who_is_lost_is_found_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(home_lines, "HOSTILE", home_lines.HONEST)  # both have one code
+    (text, archive) = home_lines.attack_lines(4, 3, tmp_path, tasks=home_lines.TASKS[:1])
+    found = [*text.failures, *archive.failures]
+    assert found
+    assert {failure.kind for failure in found} == {"traceback"}
+    assert "the honest session is another" in found[0].said
 
 
 # --- the tool itself ---------------------------------------------------------------------------

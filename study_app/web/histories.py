@@ -80,11 +80,15 @@ def _placed(
     opened_s = 0.0
     with suppress(ValueError):  # of a date that is none
         opened_s = datetime.fromisoformat(line.at).timestamp() - line.t_s
+    # What nobody began is a stranger's who knows the code, and takes back no completed session.
+    open_ones = [one for one in last if not one.completed_at]
     if isinstance(line, ResumeLine):  # its page was told what had been kept last
-        near = openings.get((line.run - 1, line.continues), last)
+        rest = last if line.continues is None else open_ones
+        near = openings.get((line.run - 1, line.continues), rest)
         before = max(near, key=lambda one: (one.at <= line.at, one.at), default=None)
     else:
-        near = openings.get((line.run, line.opening), last)
+        rest = last if line.opening is None else open_ones
+        near = openings.get((line.run, line.opening), rest)
         before = min(near, key=lambda one: abs(one.opened_s - opened_s), default=None)
     done = line.at if isinstance(line, EndLine) and line.reason == "completed" else ""
     length, done = (before.length, before.completed_at or done) if before else (0, done)

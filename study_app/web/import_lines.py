@@ -177,6 +177,24 @@ def _import_one(
     """
     if found.simulated:
         return ImportResult(who, "set aside", "simulated: nobody took part")
+    try:
+        return _import_best(who, found, build, root, slots, write=write)
+    except (OSError, StudyError):  # the disk refuses
+        raise
+    except Exception as error:  # a fault of ours, which costs no other participant
+        what = f"{type(error).__name__}: {shown(error)}"
+        return ImportResult(who, "refused", f"lines must be such as a page sends ({what})")
+
+
+def _import_best(
+    who: str,
+    found: ParticipantLines,
+    build: WebBuild,
+    root: Path,
+    slots: Mapping[int, str],
+    *,
+    write: bool,
+) -> ImportResult:
     refused = ""
     for end in histories(found.told):
         kept = end.history

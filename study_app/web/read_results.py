@@ -66,10 +66,13 @@ class ParticipantLines:
         if isinstance(line, StartLine | ResumeLine):
             self.simulated |= line.machine.simulated
         packed, there = zlib.compress(text, 1), self.told[line.n]
-        if any(one == packed or unpacked(one) == line for one in there):
+        if packed in there:
             self.repeated += 1
         elif len(there) < _SHOWN:
-            there.append(packed)
+            if any(unpacked(one) == line for one in there):
+                self.repeated += 1
+            else:
+                there.append(packed)
 
 
 @dataclass

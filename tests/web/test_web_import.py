@@ -64,7 +64,7 @@ EDITS = [
     ("start", {"t_s": -1.0}, "t_s must lie between 0 and 1e+07 (got -1.0)"),
     ("block-end", {"t_s": 1e9}, "t_s must lie between"),
     ("block-end", {"t_s": 0.5}, "t_s must lie between"),
-    ("block-end", {"run": 5}, "run must be 0, as in the line before (got 5)"),
+    ("end", {"run": 5}, "run must be 0, as in the line before (got 5)"),
     ("block-end", {"at": "0000-00-00T00:00:00Z"}, "at must be a date and a time (got 0000-00"),
     ("block-end", {"at": "1960-01-01T00:00:00Z"}, "at must not fall by more than 1 day"),
     ("block-end", {"at": "2001-02-30T00:00:00Z"}, "at must be a date and a time"),
@@ -143,6 +143,35 @@ def test_a_session_is_verified_before_it_takes_its_place(of, sent, tmp_path, mon
     assert refused.message.startswith(f"line number {place}: ")
     assert "rt_s must be within the answer phase" in refused.message
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("n", [5, 31, 10**9, 2**53 - 1])
+def test_whoever_knows_a_code_takes_back_no_session_that_was_completed(kernel, of, tmp_path, n):
+    one, two = (of.session(kernel, who, slot=k, luck=k + 5)["results"]
+        for k, who in enumerate(("W-1", "W-2")))  # fmt: skip
+    n = len(one) if n == 31 else n
+    foreign = json.loads(two[12]) | {"participant": "W-1", "n": n, "opening": 7}
+    alone = imported(of, one, tmp_path / "alone")[0]
+    found, other = imported(of, [*one, json.dumps(foreign) + "\n", *two], tmp_path / "both")
+    assert (found.state, found.reason, other.state) == ("imported", "completed", "imported")
+    assert "lines of another tab or device were left: 1 of run 0" in found.message
+    journals = [tmp_path / root / "short/W-1/journal.jsonl" for root in ("alone", "both")]
+    assert journals[0].read_bytes() == journals[1].read_bytes()
+    assert alone.state == "imported"
+
+
+def test_whatever_goes_wrong_among_histories_is_a_refusal(of, sent, tmp_path, monkeypatch):
+    real = import_lines.histories
+
+    def breaks(told):
+        if len(told) == len(sent[0]):
+            raise OverflowError("\u001b[2J")
+        return real(told)
+
+    monkeypatch.setattr(import_lines, "histories", breaks)
+    refused, other = imported(of, [*sent[0], *sent[1][:-1]], tmp_path)
+    assert refused.message == "lines must be such as a page sends (OverflowError: \\x1b[2J)"
+    assert other.state == "imported"
 
 
 # --- what an honest page can send ----------------------------------------------------------------

@@ -16,6 +16,7 @@ from attack.bombs import BOMBS, MOST_CPU_S, MOST_MIB, run_bombs
 from attack.builds import build_by_command, kill_builds
 from attack.campaign import Result, meet, run_inputs
 from attack.guesses import guess_studies
+from attack.home_lines import attack_lines
 from attack.kills import CASES, kill_sessions
 from attack.outputs import CASES as OUTPUTS
 from attack.outputs import attack_outputs
@@ -88,6 +89,7 @@ _KINDS = {
     "guesses": 400,
     "bombs": len(BOMBS),
     "outputs": len(OUTPUTS),
+    "lines": 2000,
 }
 """Kinds of attack that run where none is asked for, and how many of each."""
 
@@ -135,6 +137,7 @@ _SAYS = {
         "guesses": "guesses from public exports, who came when",
         "bombs": "small files that claim or unpack to much, each for a command",
         "outputs": "odd places to write to, spread over all commands that write",
+        "lines": "edited lines and archives of browsers, spread over five tasks",
     }.items()
 }
 
@@ -208,6 +211,14 @@ def _outputs(count: int, seed: int, until_s: float, on_case: Count) -> dict[str,
     return {"done": done, "commands": len({name for name, _ in cases}), "failures": failures}
 
 
+def _lines(count: int, seed: int, until_s: float, on_input: Count) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        results = attack_lines(
+            count, seed, Path(folder), until_s=until_s, on_input=lambda _name, _count: on_input()
+        )
+    return _of_inputs(results)
+
+
 def _checks(
     check: Callable[[int], None], count: int, at_once: int, until_s: float, tell: Count
 ) -> dict[str, Any]:
@@ -243,6 +254,7 @@ _OTHERS = {
     "guesses": _guesses,
     "bombs": _bombs,
     "outputs": _outputs,
+    "lines": _lines,
 }
 
 
@@ -264,6 +276,7 @@ def table(figures: dict[str, Any]) -> str:
         f" {MOST_CPU_S:.0f} s)",
         "outputs": "odd places to write to, for"
         f" {figures.get('outputs', {}).get('commands')} commands",
+        "lines": "edited lines and archives of browsers: of the honest participant beside each",
         "inputs": f"harmed files, for {len(readers)} readers",
     }
     for kind, what in says.items():
