@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from protocols.against_plan import contradictions, plan_of
+from protocols.browser.shared_links import session_marks, shared_links
 from protocols.errors import StudyError
 from protocols.journal import SessionStart
 from protocols.journal_file import (
@@ -104,6 +105,7 @@ def read_study(
         )
     _check_one_study(folder, readings, study)
     notes += _note_manifests(readings)
+    notes += _note_shared_links(readings)
     for number, reading in enumerate(readings):
         if progress:
             progress("checking what was recorded", number, len(readings))
@@ -264,6 +266,18 @@ def _note_manifests(readings: Sequence[JournalReading]) -> list[str]:
     return [
         f"sessions used stimuli of {len(made)} different manifests ({_each(made)}): make sure that"
         " they may be taken together"
+    ]
+
+
+def _note_shared_links(readings: Sequence[JournalReading]) -> list[str]:
+    """Return a note for each group of participants in browsers who share a link."""
+    marks = {
+        reading.start.participant: session_marks(reading.start, reading.journal.path.parent)
+        for reading in readings
+    }
+    return [
+        f"{shared}: one person may have taken part more than once, or a link was given to several"
+        for shared in shared_links(marks)
     ]
 
 

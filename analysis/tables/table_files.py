@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import TextIO
 
 import pandas as pd
 
@@ -231,7 +232,7 @@ def shortened(text: object) -> str:
     return shown if len(shown) <= SHOWN_LETTERS else shown[:SHOWN_LETTERS] + "..."
 
 
-def write_table(table: pd.DataFrame, path: Path) -> None:
+def write_table(table: pd.DataFrame, path: Path | TextIO) -> None:
     """Write a table as CSV that spreadsheets show and do not run.
 
     A text that begins with = + - @ or a control character gets an apostrophe in front, as does one

@@ -18,6 +18,13 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Literal, TypeAlias
 
+from protocols.browser.shared_links import (
+    SharedLink,
+    keep_sender,
+    link_marks,
+    session_marks,
+    shared_links,
+)
 from protocols.browser.web_lines import (
     AnswerLine,
     AnyLine,
@@ -106,6 +113,13 @@ class ImportResult:
     attempts: int = 0
     reason: str = ""
     """Reason for the end of the session; empty where it did not end."""
+    begun: StartLine | None = None
+    """Beginning of the session, where there is one now."""
+
+    def sharing(self, shared: Sequence[SharedLink]) -> ImportResult:
+        """Return the result that says, too, with whom its participant shares a link."""
+        said = [str(one) for one in shared if self.begun and self.participant in one.participants]
+        return replace(self, message="; ".join(filter(None, [self.message, *said])))
 
 
 def import_results(
@@ -142,17 +156,27 @@ def import_results(
             f"results: must hold lines of the study {study.study.name!r} (found lines of:"
             f" {others}); name that study's file, or other results"
         )
-    slots = {}
-    if root.is_dir():
-        sessions = find_sessions(root, study.study.name)
-        slots = {
-            one.journal.start.slot: one.participant
-            for one in sessions
-            if one.state not in ("damaged", "stillborn", "withdrawn", "refused")
-            and one.journal.start.remote is None
-        }
+    sessions = find_sessions(root, study.study.name) if root.is_dir() else []
+    known = [one for one in sessions if one.state not in ("damaged", "stillborn", "withdrawn")]
+    slots = {
+        one.journal.start.slot: one.participant
+        for one in known
+        if one.state != "refused" and one.journal.start.remote is None
+    }
+    marks = {one.participant: session_marks(one.journal.start, one.folder) for one in known}
     build = WebBuild(study, display, manifest)
-    return [_import_one(who, ours[who], build, root, slots, write=write) for who in sorted(ours)]
+    results = []
+    for who, found in sorted(ours.items()):
+        result = _import_one(who, found, build, root, slots, write=write)
+        if result.begun is not None:
+            sender = inbox.marks(found)
+            begun = link_marks(result.begun.slot, result.begun.identifier, sender)
+            marks[who] = begun.union(marks.get(who, ()))
+            if write:
+                keep_sender(session_folder(root, study, who), sender)
+        results.append(result)
+    shared = shared_links(marks)
+    return [one.sharing(shared) for one in results]
 
 
 def _import_one(
@@ -252,7 +276,7 @@ def _import_history(
         place = f"line number {session.line.n if session else 0}"
         what = f"{type(error).__name__}: {shown(error)}"
         return ImportResult(who, "refused", f"{place}: must be one that a page sends ({what})")
-    return ImportResult(who, state, "", session.attempts, session.reason)
+    return ImportResult(who, state, "", session.attempts, session.reason, session.begun)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from protocols.browser.shared_links import Mark
 from protocols.browser.web_lines import LINE, AnyLine, ResumeLine, StartLine
 from protocols.browser.web_study import STUDY_FILE
 from protocols.disk.whole_file import decoded_text, read_bytes
@@ -27,6 +28,7 @@ from protocols.limits import LIMITS_VARIABLE, check_within, limit
 from protocols.outside import check_zip, reading, shown
 from protocols.study_file.problems import in_words
 from study_app.web.histories import Place, unpacked
+from study_app.web.senders import METADATA, Senders
 
 _BEGINNING = re.compile(r'(?=\{"study":)')
 """Beginning of a line: within its texts quotes are escaped."""
@@ -60,6 +62,8 @@ class ParticipantLines:
     """Lines that came more than once, and said the same."""
     simulated: bool = False
     """True if a line says that an artificial observer drove the page."""
+    places: set[str] = field(default_factory=set)
+    """Texts in which they stand."""
 
     def add(self, line: AnyLine, text: bytes) -> None:
         """Take a line, unless it is there already, or many others have its number."""
@@ -89,9 +93,14 @@ class BrowserResults:
     unread: list[str] = field(default_factory=list)
     """Files, and parts of archives, that could not be read, and why."""
     notes: list[str] = field(default_factory=list)
+    senders: Senders = field(default_factory=Senders)
 
-    def read(self, name: str, data: bytes) -> None:
-        """Read the lines of one text.
+    def marks(self, found: ParticipantLines) -> set[Mark]:
+        """Return by which results and workers of JATOS a participant's lines came."""
+        return set[Mark]().union(*map(self.senders.marks, found.places))
+
+    def read(self, name: str, data: bytes, place: str = "") -> None:
+        """Read the lines of one text, by its name for messages and its place.
 
         Results may be joined without a line feed where a page died in the middle of a line; what is
         whole is kept.
@@ -110,10 +119,10 @@ class BrowserResults:
                 number += row > 0
                 for piece in _BEGINNING.split(text):
                     if line := piece.strip(_BLANK):
-                        self._take(line, f"{name}: line {number}")
+                        self._take(line, f"{name}: line {number}", place)
         self.notes += [f"{name}: {note}" for note in notes]
 
-    def _take(self, text: str, where: str) -> None:
+    def _take(self, text: str, where: str, place: str) -> None:
         """Take a line. Behind one that is whole may stand the end of another."""
         line, wrong = _line_of(text)
         if line is None and _GOES_ON in wrong:
@@ -123,7 +132,9 @@ class BrowserResults:
             self.damages += 1
             self.damaged += [f"{where}: {wrong}"][: _SHOWN - len(self.damaged)]
         if line is not None:
-            self.found[line.study, line.participant].add(line, text.encode("utf-8"))
+            found = self.found[line.study, line.participant]
+            found.add(line, text.encode("utf-8"))
+            found.places.add(place)
 
 
 def _line_of(text: str) -> tuple[AnyLine | None, str]:
@@ -205,7 +216,7 @@ def _read_file(path: Path, inbox: BrowserResults) -> None:
     if data[:1] == b"{" and b'"default_language":' in data:
         raise StudyError(_EXPORTED.format(path))
     if data[:2] != b"PK":  # as every archive begins, and no line
-        inbox.read(path.name, data)
+        _take_text(inbox, path.name, data, path.as_posix())
         return
     with reading(path, "an archive that can be read", StudyError, "download it again"):
         check_zip(path, io.BytesIO(data), StudyError)
@@ -214,7 +225,7 @@ def _read_file(path: Path, inbox: BrowserResults) -> None:
     if any(re.fullmatch(r"[^/]+\.jas", entry.filename) for entry in archive.infolist()):
         raise StudyError(_EXPORTED.format(path))
     for entry in archive.infolist():
-        if not entry.filename.lower().endswith((".txt", *_ARCHIVES)):
+        if not entry.filename.lower().endswith((".txt", METADATA, *_ARCHIVES)):
             continue
         place = Path(f"{path}: {shown(entry.filename)}")
         try:
@@ -224,7 +235,14 @@ def _read_file(path: Path, inbox: BrowserResults) -> None:
             continue
         left, lines = left - len(text), lines + text.count(b"\n")
         check_within("events", lines, StudyError, path, "lines")
-        inbox.read(f"{path.name}: {entry.filename}", text)
+        _take_text(inbox, f"{path.name}: {entry.filename}", text, entry.filename)
+
+
+def _take_text(inbox: BrowserResults, name: str, text: bytes, place: str) -> None:
+    if not place.endswith(METADATA):
+        inbox.read(name, text, place)
+    elif not inbox.senders.read(text):
+        inbox.notes.append(f"{shown(name)}: not as JATOS writes it; workers are not known")
 
 
 def _unpacked(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, place: Path, most: int) -> bytes:

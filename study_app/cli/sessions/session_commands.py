@@ -6,12 +6,14 @@ import dataclasses
 import gc
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+from protocols.disk.whole_file import write_whole
 from protocols.errors import StudyError, count_of, must_be_one_of
 from protocols.journal import Attempt, SessionEnd, SessionStart
 from protocols.journal_file import Journal
@@ -212,10 +214,17 @@ def _trials_done() -> Progress:
 def list_(
     sessions: Annotated[Path, typer.Argument(help="Folder of sessions.")],
     study: Annotated[str | None, typer.Option(help="Only this study.")] = None,
+    identifiers: Annotated[
+        Path | None, typer.Option(help="New file, .csv, of panels' codes, for payment. Private.")
+    ] = None,
 ) -> None:
     """List all sessions of a folder: participant, slot, state, decisions.
 
-    Example: metamerlab session list sessions --study demo
+    Examples:
+
+        metamerlab session list sessions --study demo
+
+        metamerlab session list sessions --identifiers paid.csv
     """
     found = find_sessions(sessions, study)
     if not found:
@@ -223,6 +232,8 @@ def list_(
             f"{sessions}: must hold sessions (found no journal in SESSIONS/STUDY/CODE); name"
             " the folder that was given as --out"
         )
+    if identifiers is not None:
+        _write_identifiers(found, identifiers)
     heads = ["study", "participant", "slot", "state", "decisions", "void", "data"]
     latencies = list(map(_latency, found))
     heads += ["sample to flip"] * any(latencies)
@@ -230,6 +241,31 @@ def list_(
         (*_row(one), *[told] * any(latencies)) for one, told in zip(found, latencies, strict=True)
     ]
     PlainConsole().print(table_of(heads, rows))
+
+
+def _write_identifiers(sessions: Sequence[SessionFolder], path: Path) -> None:
+    """Write the panel's code of each participant who has one."""
+    import pandas as pd  # loaded here: a list alone needs no tables
+
+    from analysis.tables.table_files import write_table
+
+    starts = [(one, one.journal.events[0]) for one in sessions if one.journal.events]
+    rows = [
+        (start.study, one.participant, start.remote.identifier, one.state)
+        for one, start in starts
+        if isinstance(start, SessionStart) and start.remote and start.remote.identifier
+    ]
+    if not rows:
+        raise StudyError(
+            "--identifiers: a session must hold a panel's code (none does): web.identifier names"
+            " the link's parameter to keep"
+        )
+    if path.exists():
+        raise StudyError(f"--identifiers: must be a new file (got {path}); name another one")
+    heads = ["study", "participant", "identifier", "state"]
+    text = StringIO()
+    write_table(pd.DataFrame(rows, columns=heads), text)
+    write_whole(path, text.getvalue().encode("utf-8", "backslashreplace"))
 
 
 @app.command()

@@ -1,0 +1,69 @@
+"""Results and workers of JATOS by which lines came, as its archives tell."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from protocols.browser.shared_links import Mark
+
+METADATA = "metadata.json"
+_COMPONENT = re.compile(r"(?:^|/)comp-result_(\w{1,64})/")
+_STUDY = re.compile(r"(?:^|/)study_result_(\w{1,64})/")
+COMPONENT_RESULT, STUDY_RESULT = "component result of JATOS", "study result of JATOS"
+WORKER = "worker of JATOS"
+
+
+class _Told(BaseModel):
+    """Part of `metadata.json`: JATOS adds keys with every version."""
+
+    model_config = ConfigDict(extra="ignore", coerce_numbers_to_str=True)
+    id: str = Field(max_length=64)
+
+
+class _StudyResult(_Told):
+    worker: str | None = Field(default=None, alias="workerId", max_length=64)
+    components: tuple[_Told, ...] = Field(default=(), alias="componentResults")
+
+
+class _Study(BaseModel):
+    results: tuple[_StudyResult, ...] = Field(default=(), alias="studyResults")
+
+
+class _Metadata(BaseModel):
+    data: tuple[_Study, ...] = ()
+
+
+class Senders:
+    """What archives tell of their texts."""
+
+    def __init__(self) -> None:
+        self._results: dict[Mark, set[Mark]] = defaultdict(set)
+        """Marks that belong to a result."""
+
+    def read(self, metadata: bytes) -> bool:
+        """Take a `metadata.json`; False where it is not as JATOS writes it."""
+        try:
+            told = _Metadata.model_validate_json(metadata)
+        except ValidationError:
+            return False
+        for result in (result for study in told.data for result in study.results):
+            marks = {(STUDY_RESULT, result.id)}
+            if result.worker is not None:
+                marks.add((WORKER, result.worker))
+            for mark in [(STUDY_RESULT, result.id)] + [
+                (COMPONENT_RESULT, component.id) for component in result.components
+            ]:
+                self._results[mark] |= marks
+        return True
+
+    def marks(self, place: str) -> set[Mark]:
+        """Return the marks of a text, by its place in an archive or folder."""
+        own = {
+            (kind, found[-1])
+            for kind, pattern in ((COMPONENT_RESULT, _COMPONENT), (STUDY_RESULT, _STUDY))
+            if (found := pattern.findall(place))
+        }
+        return own.union(*(self._results[mark] for mark in own if mark in self._results))
