@@ -56,7 +56,7 @@ def session_marks(start: SessionStart, folder: Path) -> frozenset[Mark]:
 
 
 def sender_of(folder: Path) -> list[Mark]:
-    """Return what stands beside a journal; nothing where it was not kept, or is damaged."""
+    """Return the marks beside a journal; none where they were not kept, or are damaged."""
     try:
         return _SENDER.validate_json((folder / SENDER_NAME).read_bytes())
     except (OSError, ValidationError):
@@ -77,7 +77,7 @@ def keep_sender(folder: Path, marks: Iterable[Mark]) -> None:
 
 
 def shared_links(sessions: Mapping[str, Iterable[Mark]]) -> list[SharedLink]:
-    """Return who shares what, of marks by participant."""
+    """Return the groups of participants who share marks, of marks by participant."""
     people: dict[Mark, list[str]] = defaultdict(list)
     for who, marks in sorted(sessions.items()):
         for mark in marks:

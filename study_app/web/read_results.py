@@ -96,7 +96,7 @@ class BrowserResults:
     senders: Senders = field(default_factory=Senders)
 
     def marks(self, found: ParticipantLines) -> set[Mark]:
-        """Return by which results and workers of JATOS a participant's lines came."""
+        """Return the results and workers of JATOS by which a participant's lines came."""
         return set[Mark]().union(*map(self.senders.marks, found.places))
 
     def read(self, name: str, data: bytes, place: str = "") -> None:

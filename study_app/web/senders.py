@@ -37,7 +37,7 @@ class _Metadata(BaseModel):
 
 
 class Senders:
-    """What archives tell of their texts."""
+    """Marks of texts, as archives tell them."""
 
     def __init__(self) -> None:
         self._results: dict[Mark, set[Mark]] = defaultdict(set)
