@@ -158,7 +158,9 @@ def test_phases_are_marked_at_the_stamps_of_their_flips(screen, make_study):
 
     listener = threading.Thread(target=listen)
     listener.start()
-    screen.run(*screen.session("run", study, "--simulate", "--markers", code="P77"), code=HEARD)
+    screen.run(
+        *screen.session("run", study, "--simulate", "--markers-code", code="P77"), code=HEARD
+    )
     stop.set()
     listener.join(timeout=10)
 
