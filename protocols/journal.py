@@ -106,7 +106,18 @@ SlotFrom = Literal["link", "batch", "drawn"]
 """`link`: the address named it. `batch`: the study's server gave it. `drawn`: by chance."""
 
 
-class Machine(Model):
+class BrowserWindow(Model):
+    """A browser's window, and how large it shows stimuli."""
+
+    window_px: tuple[Pixels, Pixels]
+    """Device pixels of the canvas."""
+    device_pixel_ratio: Annotated[float, Field(gt=0)]
+    scale: Positive
+    """Screen pixels per pixel of a stimulus, along an edge."""
+    full_screen: bool
+
+
+class Machine(BrowserWindow):
     """Machine as the gate found it: nothing that tells one person from another."""
 
     browser: Text
@@ -115,13 +126,7 @@ class Machine(Model):
     """Measured, over at least 300 frames."""
     missed_share: Share
     """Share of the refreshes of that measurement."""
-    window_px: tuple[Pixels, Pixels]
-    """Device pixels of the canvas."""
-    device_pixel_ratio: Annotated[float, Field(gt=0)]
-    scale: Positive
-    """Screen pixels per pixel of a stimulus, along an edge."""
     color_gamut: Literal["srgb", "p3", "rec2020", "unknown"]
-    full_screen: bool
     touch: bool
     simulated: bool = False
     """True if no person took part: an artificial observer drove the page."""

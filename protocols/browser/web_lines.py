@@ -21,6 +21,7 @@ from protocols.journal import (
     BlockBegun,
     BlockEnd,
     Break,
+    BrowserWindow,
     ConsentGiven,
     Event,
     Machine,
@@ -136,6 +137,8 @@ class AttemptLine(Sent, AttemptOutcome):
     presses: tuple[Press, ...]
     disturbed: tuple[Count, Literal["focus", "hidden", "full-screen", "size"]] | None
     """After which flip something came between participant and page, and what."""
+    window: BrowserWindow | None = None
+    """The window as the attempt began. Null in lines of older pages, which looked at it once."""
 
 
 class AnswerLine(Sent, Answer):

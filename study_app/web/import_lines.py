@@ -40,6 +40,7 @@ from protocols.browser.web_lines import (
     StartLine,
 )
 from protocols.browser.web_study import deviations_s
+from protocols.browser.window import in_words, shows_all, stimuli_px
 from protocols.disk.hashing import sha256_json
 from protocols.disk.result_folder import whole_folder
 from protocols.display import Display
@@ -48,6 +49,7 @@ from protocols.journal import (
     EVENT,
     AnyEvent,
     Attempt,
+    BrowserWindow,
     Note,
     Remote,
     RemoteStart,
@@ -373,6 +375,10 @@ class RebuiltSession:
         self.plan = make_plan(ordered, manifest, begun.participant, begun.slot)
         self._sources = [begun.n]
         self._now_s = 0.0
+        self._window = BrowserWindow(
+            **begun.machine.model_dump(include=set(BrowserWindow.model_fields))
+        )
+        """Of the last line that told one."""
         self.attempts = 0
         self.reason = ""
 
@@ -397,6 +403,10 @@ class RebuiltSession:
             for line in self.lines:
                 self.line, self._now_s = line, line.t_s
                 self.checks.check(line)
+                window = line.window if isinstance(line, AttemptLine) else None
+                if window is not None and window != self._window:
+                    self._window = window
+                    recorder.append(Note(**recorder.stamps(), text=in_words(window)))
                 recorder.append(self._event(line, recorder))
                 self.attempts += isinstance(line, AttemptLine)
                 if isinstance(line, AttemptLine) and line.disturbed:
@@ -509,6 +519,11 @@ class RebuiltSession:
         planned = (step.trial.id, step.attempt, step.position)
         self._check(line, ("trial", "attempt", "position"), planned, "as the plan has it")
         script = self.scripts.of(step.trial)
+        need_px = stimuli_px(script)
+        if line.outcome == "completed" and not shows_all(self._window, need_px):
+            width, height = need_px
+            must = f"the window must show {width} x {height} px of an attempt that counts"
+            raise self._wrong(must, in_words(self._window))
         stage = ReplayedStage(line, self.display.refresh_hz)
         made: list[Attempt] = []
 

@@ -233,6 +233,7 @@ export interface AttemptLine extends Sent {
   readonly presses: readonly Press[];
   /** The trial of the plan. */ readonly trial: string;
   /** Reason why a void attempt must be repeated. */ readonly void_reason: "gaze-break" | "data-loss" | "no-fixation" | "too-late" | "dropped-frames" | "paused" | "quit" | "focus-lost" | null;
+  /** The window as the attempt began. Null in lines of older pages, which looked at it once. */ readonly window: BrowserWindow | null;
 }
 
 /** A block is over. */
@@ -252,6 +253,14 @@ export interface BreakLine extends Sent {
   readonly after_block: number;
   readonly duration_s: number;
   readonly kind: "break";
+}
+
+/** A browser's window, and how large it shows stimuli. */
+export interface BrowserWindow {
+  readonly device_pixel_ratio: number;
+  readonly full_screen: boolean;
+  /** Screen pixels per pixel of a stimulus, along an edge. */ readonly scale: number;
+  /** Device pixels of the canvas. */ readonly window_px: readonly [number, number];
 }
 
 /** The participant read the consent page, and agreed or not. */
