@@ -3,9 +3,11 @@ import { conduct, type Ending } from "./kernel/conduct";
 import type { WebStudy } from "./kernel/formats";
 import { LineLog, type Begun } from "./kernel/lines";
 import { FileError, fetched, Files, sha256 } from "./stage/files";
-import { checkDevice, machineOf, measuredRate, nearestRate, Refusal, scaleOf } from "./stage/gate";
+import { checkDevice, checkKeys, machineOf, measuredRate, nearestRate, Refusal } from "./stage/gate";
 import { copyLink, firstPage, withdrawal } from "./stage/first_page";
-import { button, cover, fillScreen, lineOf, Screen, showNote } from "./stage/screen";
+import { button, lineOf, showNote } from "./stage/note";
+import { Screen } from "./stage/screen";
+import { fillScreen, View } from "./stage/view";
 import { filled, wordsOf, type Words } from "./stage/words";
 import { holdLink, type Hold } from "./store/one_tab";
 import { CopyingStore, JatosStore, LocalStore, insist, UnsentError, type Jatos, type Told } from "./store/stores";
@@ -74,11 +76,12 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     document.documentElement.lang = language;
     document.title = study.title;
     checkDevice(study, words);
+    await checkKeys(study, words, pages);
     if (!(await firstPage(pages, study, language, words, store))) return "refused";
     await fillScreen();
-    const size = await cover(canvas);
-    const scale = scaleOf(study, words, size, devicePixelRatio);
-    showNote(pages, words.measuring);
+    const view = new View(canvas, pages, study, words);
+    const { full_screen } = await view.fitting();
+    showNote(pages, ...(full_screen ? [] : [words.no_full_screen]), words.measuring);
     const measured = await measuredRate();
     const rate = nearestRate(study, words, measured.refresh_hz);
     const files = new Files(study, base);
@@ -86,9 +89,11 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
       told(files.down);
     };
     const pictures = await files.pictures();
-    const screen = new Screen(canvas, pages, study, files, words, scale, pictures);
+    const shown = await view.fitting();
+    view.keepScale();
+    const screen = new Screen(canvas, pages, study, files, words, view, shown.scale, pictures);
     const stamps = () => screen.stamps();
-    const machine = machineOf(measured, size, scale);
+    const machine = machineOf(measured, shown);
     const { refresh_hz } = rate;
     const lines = past
       ? await LineLog.reopened(store, study, stamps, past, refresh_hz, machine)

@@ -2,7 +2,7 @@
 import type { ShownPicture, WebPhase, WebStudy } from "../src/kernel/formats";
 import { fetched, Files } from "../src/stage/files";
 import { painterOf, type Painter } from "../src/stage/painter";
-import { cover } from "../src/stage/screen";
+import { cover } from "../src/stage/view";
 
 const canvas = document.createElement("canvas");
 let painter: Painter;

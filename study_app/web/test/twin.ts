@@ -4,7 +4,7 @@ import { createInterface } from "node:readline";
 import type { AttemptRun, Disturbance, Press } from "../src/kernel/attempt";
 import { Chance } from "../src/kernel/chance";
 import { conduct, type Page, type PageResult, type Stage } from "../src/kernel/conduct";
-import type { Machine, QuestPlusRule, UpDownRule, WebDesign, WebStudy } from "../src/kernel/formats";
+import type { BrowserWindow, Machine, QuestPlusRule, UpDownRule, WebDesign, WebStudy } from "../src/kernel/formats";
 import { LineLog, type Begun, type History, type Store } from "../src/kernel/lines";
 import { at } from "../src/kernel/list";
 import { nextLevel, type Answered } from "../src/kernel/adaptive";
@@ -12,6 +12,7 @@ import { Pacer } from "../src/kernel/pacing";
 import { makePlan, type Person } from "../src/kernel/plan";
 import { frameOf, type TrialScript } from "../src/kernel/script";
 import { following, nextStep, type SessionEvent } from "../src/kernel/session";
+import { showsAll } from "../src/kernel/window";
 import { advance, BEGIN, follows, isDone, type Observed, type Trial } from "../src/kernel/trial";
 
 type Asked =
@@ -21,6 +22,7 @@ type Asked =
   | { ask: "levels"; rule: QuestPlusRule | UpDownRule; history: Answered[] }
   | { ask: "flips"; refresh_hz: number; stamps_s: number[] }
   | { ask: "attempt"; script: TrialScript; observed: Observed[] }
+  | { ask: "window"; window: BrowserWindow; need_px: [number, number] }
   | { ask: "session"; study: WebStudy; begun: Begun; faults: Faults; luck: number; page: Opened };
 
 /** Openings of pages: when the first is, its history, the rates, of which the last one goes on. */
@@ -123,6 +125,8 @@ class Screen implements Stage {
   }
 
   attempt(run: AttemptRun): Promise<void> {
+    const { window_px, device_pixel_ratio, scale, full_screen } = machineAt(this.rate_hz);
+    run.window = { window_px, device_pixel_ratio, scale, full_screen };
     const period_us = 1e6 / this.rate_hz;
     let grid_us = this.now_us;
     while (!run.done) {
@@ -212,6 +216,8 @@ function answer(asked: Asked): unknown {
       const pacer = new Pacer(asked.refresh_hz);
       return asked.stamps_s.map((t_s) => pacer.flip(t_s));
     }
+    case "window":
+      return showsAll(asked.window, asked.need_px);
     case "session":
       return session(asked);
     case "attempt": {

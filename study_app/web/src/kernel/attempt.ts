@@ -1,14 +1,14 @@
 /** One attempt, flip by flip, as `study_app/attempt.py` defines it; and the log of what was
  * observed, from which Python runs it again.
  */
-import type { AttemptLine, Press as ReadPress, ScriptQuestion, ShownPicture, WebPhase } from "./formats";
+import type { AttemptLine, BrowserWindow, Press as ReadPress, ScriptQuestion, ShownPicture, WebPhase } from "./formats";
 import { at } from "./list";
 import { Pacer } from "./pacing";
 import { answerOf, type Interrupt, type TrialScript } from "./script";
 import { advance, BEGIN, follows, isDone, isOver, type Trial } from "./trial";
 
 /** Observations of an attempt: a press and a disturbance say after which flip. */
-export type AttemptLog = Pick<AttemptLine, "flips_us" | "presses" | "disturbed">;
+export type AttemptLog = Pick<AttemptLine, "flips_us" | "presses" | "disturbed" | "window">;
 export type Disturbance = NonNullable<AttemptLine["disturbed"]>[1];
 
 /** A key that went down, or the pointer. */
@@ -26,6 +26,8 @@ export class AttemptRun {
   state: Trial = BEGIN;
   /** Pause and quit keys, also those during the blank at the end. */
   readonly interrupts: Interrupt[] = [];
+  /** The window as the attempt began; a stage that has one says it. */
+  window: BrowserWindow | null = null;
   private readonly pacer: Pacer;
   private readonly stamps_us: number[] = [];
   private readonly presses: ReadPress[] = [];
@@ -90,7 +92,8 @@ export class AttemptRun {
   /** All that was observed so far. */
   log(): AttemptLog {
     const since = this.stamps_us.map((t_us, flip) => t_us - (this.stamps_us[flip - 1] ?? 0));
-    return { flips_us: since, presses: [...this.presses], disturbed: this.disturbed };
+    const { disturbed, window } = this;
+    return { flips_us: since, presses: [...this.presses], disturbed, window };
   }
 
   /** The answer, where one is awaited, and the wish to pause or quit. */

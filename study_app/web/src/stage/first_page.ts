@@ -1,7 +1,7 @@
 /** The first page: what the study asks of a participant, and whose session it is that goes on. */
 import type { WebStudy } from "../kernel/formats";
 import type { CopyingStore, JatosStore, LocalStore } from "../store/stores";
-import { button, lineOf, showNote } from "./screen";
+import { button, lineOf, showNote } from "./note";
 import { filled, type Words } from "./words";
 
 /** Show the first page; true once a participant begins or goes on, false where nobody does. */

@@ -1,6 +1,8 @@
 /** Before consent: can this browser and screen run the study? Refusals say what to do. */
-import type { Machine, RefreshRate, WebStudy } from "../kernel/formats";
+import type { BrowserWindow, Machine, RefreshRate, WebStudy } from "../kernel/formats";
 import { Pacer } from "../kernel/pacing";
+import { keyName } from "./keys";
+import { button, lineOf } from "./note";
 import { filled, type Words } from "./words";
 
 const REFRESHES = 300;
@@ -21,19 +23,40 @@ export function checkDevice(study: WebStudy, words: Words): void {
   if (memory < Math.min(LEAST_MEMORY_GB, wanted_gb)) throw new Refusal(words.memory);
 }
 
-/** Screen pixels per pixel of a stimulus: whole, near the device's own ratio, and all is seen. */
-export function scaleOf(
-  study: WebStudy,
-  words: Words,
+/** True if clicks and touches answer whatever a trial asks; pages have buttons. */
+function takesPointer(study: WebStudy): boolean {
+  const phases = study.rates.flatMap(({ scripts }) => Object.values(scripts).flat().flatMap((script) => script.phases));
+  return phases.every(({ question }) => question?.pointer ?? true);
+}
+
+/** Ask a device that may have no keyboard for one key, where the study needs keys. */
+export async function checkKeys(study: WebStudy, words: Words, pages: HTMLElement): Promise<void> {
+  if (takesPointer(study) || !matchMedia("(pointer: coarse)").matches) return;
+  const none = button(words.no_keys, "leave");
+  pages.replaceChildren(lineOf(words.keys), none);
+  pages.dataset["page"] = "keys";
+  pages.hidden = false;
+  const here = new AbortController();
+  await new Promise<void>((resolve, reject) => {
+    const down = (event: KeyboardEvent) => {
+      if (keyName(event)) resolve();
+    };
+    addEventListener("keydown", down, here);
+    none.addEventListener("click", () => {
+      reject(new Refusal(words.phone));
+    });
+  }).finally(() => {
+    here.abort();
+  });
+}
+
+/** Screen pixels per pixel of a stimulus: whole, near the device's own ratio, and all is seen; 0: none is. */
+export function scaleFor(
+  [wide, high]: readonly [number, number],
   [width, height]: readonly [number, number],
   ratio: number,
 ): number {
-  const [wide, high] = study.window_px;
   const fits = Math.floor(Math.min(width / wide, height / high));
-  if (fits < 1) {
-    const got = `${width} x ${height}`;
-    throw new Refusal(filled(words.window, { width: wide, height: high, got }));
-  }
   return Math.min(fits, Math.max(1, Math.round(ratio)));
 }
 
@@ -89,18 +112,14 @@ export function browserName(agent: string): string {
 
 export function machineOf(
   measured: { refresh_hz: number; missed_share: number },
-  window_px: readonly [number, number],
-  scale: number,
+  window: BrowserWindow,
 ): Machine {
   const gamuts = ["rec2020", "p3", "srgb"] as const;
   return {
     browser: browserName(navigator.userAgent),
     ...measured,
-    window_px,
-    device_pixel_ratio: devicePixelRatio,
-    scale,
+    ...window,
     color_gamut: gamuts.find((name) => matchMedia(`(color-gamut: ${name})`).matches) ?? "unknown",
-    full_screen: document.fullscreenElement !== null,
     touch: navigator.maxTouchPoints > 0,
     simulated: "metamerlabSimulated" in globalThis, // set by what drives the page: no link can
   };

@@ -2,17 +2,19 @@
 
 /** Show texts that wait for nothing. */
 export function showNote(element: HTMLElement, ...texts: readonly string[]): void {
-  element.replaceChildren(...texts.map(paragraph));
+  element.replaceChildren(...texts.map((text) => lineOf(text)));
   element.hidden = false;
 }
 
-export function paragraph(text: string): HTMLParagraphElement {
-  const made = document.createElement("p");
-  made.dir = "auto";
-  made.textContent = text;
-  return made;
+/** A line of text, in the direction of its script. */
+export function lineOf(text: string, tag: "p" | "h1" | "kbd" = "p"): HTMLElement {
+  const line = document.createElement(tag);
+  line.dir = "auto";
+  line.textContent = text;
+  return line;
 }
 
+/** A button of one of the kinds that the style sheet knows. */
 export function button(text: string, kind = "next"): HTMLButtonElement {
   const made = document.createElement("button");
   made.type = "button";

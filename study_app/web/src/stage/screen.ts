@@ -8,7 +8,9 @@ import type { PlannedTrial } from "../kernel/plan";
 import { POINTER } from "../kernel/script";
 import type { Files } from "./files";
 import { keyName } from "./keys";
+import { button, lineOf, showNote } from "./note";
 import { painterOf, type Painter } from "./painter";
+import { fillScreen, type View } from "./view";
 import type { Words } from "./words";
 
 /** Time after which a participant who waits for pictures is told why. */
@@ -28,6 +30,7 @@ export class Screen implements Stage {
     private readonly study: WebStudy,
     private readonly files: Files,
     private readonly words: Words,
+    private readonly view: View,
     private readonly scale: number,
     pictures: ReadonlyMap<string, ImageBitmap>,
   ) {
@@ -82,14 +85,13 @@ export class Screen implements Stage {
     // Fetched a trial ahead; what goes wrong is told when its trial comes.
     later.forEach((name) => void this.files.frames(name).catch(() => undefined));
     this.painter.hold(frames);
-    const [width, height] = await cover(this.canvas);
-    this.painter.resize(width, height);
-    this.painter.paint(null);
     if (waited_ms < SLOW_MS) return null;
     return `the stimuli of ${trial.id} came after ${Math.round(waited_ms / 1000)} s`;
   }
 
-  attempt(run: AttemptRun): Promise<void> {
+  async attempt(run: AttemptRun): Promise<void> {
+    run.window = await this.view.fitting();
+    this.painter.resize(...run.window.window_px);
     this.presses = [];
     this.between = null;
     this.watching = true;
@@ -133,7 +135,7 @@ export class Screen implements Stage {
   private flipped(run: AttemptRun, now_ms: number): void {
     const presses = this.presses;
     this.presses = [];
-    const disturbed = this.between;
+    const disturbed = this.between ?? this.view.changed();
     this.between = null;
     run.flipped(this.clock_us(now_ms), presses, disturbed);
   }
@@ -164,45 +166,6 @@ export class Screen implements Stage {
   private disturb(what: Disturbance): void {
     if (this.watching) this.between ??= what;
   }
-}
-
-/** Give the canvas as many pixels as the screen has under it; return them. */
-export async function cover(canvas: HTMLCanvasElement): Promise<[number, number]> {
-  const size = await new Promise<[number, number]>((resolve) => {
-    const observer = new ResizeObserver(([entry]) => {
-      const box = entry?.devicePixelContentBoxSize[0];
-      if (!box) return;
-      observer.disconnect();
-      resolve([box.inlineSize, box.blockSize]);
-    });
-    observer.observe(canvas, { box: "device-pixel-content-box" });
-  });
-  [canvas.width, canvas.height] = size;
-  return size;
-}
-
-/** Ask for the full screen; whether it was given is asked of the document. */
-export async function fillScreen(): Promise<void> {
-  if (document.fullscreenElement) return;
-  try {
-    await document.documentElement.requestFullscreen({ navigationUI: "hide" });
-  } catch {
-    return; // refused: the window stays as it is, and the lines say so
-  }
-}
-
-/** Show texts that wait for nothing. */
-export function showNote(element: HTMLElement, ...texts: readonly string[]): void {
-  element.replaceChildren(...texts.map((text) => lineOf(text)));
-  element.hidden = false;
-}
-
-/** A line of text, in the direction of its script. */
-export function lineOf(text: string, tag: "p" | "h1" | "kbd" = "p"): HTMLElement {
-  const line = document.createElement(tag);
-  line.dir = "auto";
-  line.textContent = text;
-  return line;
 }
 
 function showPage(
@@ -266,15 +229,6 @@ function showPage(
 function doneBar(share: number): HTMLProgressElement {
   const made = document.createElement("progress");
   made.value = share;
-  return made;
-}
-
-/** A button of one of the kinds that the style sheet knows. */
-export function button(text: string, kind = "next"): HTMLButtonElement {
-  const made = document.createElement("button");
-  made.type = "button";
-  made.className = kind;
-  made.textContent = text;
   return made;
 }
 

@@ -3,7 +3,7 @@ import type { Disturbance } from "../kernel/attempt";
 import type { BrowserWindow, WebStudy } from "../kernel/formats";
 import { showsAll } from "../kernel/window";
 import { scaleFor } from "./gate";
-import { button, paragraph } from "./note";
+import { button, lineOf } from "./note";
 import { filled, type Words } from "./words";
 
 /** Time between two looks at a window that lacks something. */
@@ -68,22 +68,21 @@ export class View {
   }
 
   private async pressed(): Promise<void> {
-    const text = paragraph("");
+    const text = lineOf("");
     const next = button(this.gives_full ? this.words.resume : this.words.next);
-    let waits = true;
-    const press = new Promise<void>((resolve) => {
+    const press = new Promise<true>((resolve) => {
       next.addEventListener("click", () => {
-        waits = false;
-        resolve();
+        resolve(true);
       });
     });
     this.pages.replaceChildren(text, next);
     this.pages.dataset["page"] = "window";
     this.pages.hidden = false;
     next.focus();
-    while (waits) {
+    for (let done = false; !done; ) {
       text.textContent = this.lackOf(await this.look()) ?? this.words.fits;
-      await Promise.race([press, new Promise((resolve) => setTimeout(resolve, LOOK_MS))]);
+      const waited = new Promise<false>((resolve) => setTimeout(resolve, LOOK_MS, false));
+      done = await Promise.race([press, waited]);
     }
   }
 }
