@@ -106,10 +106,7 @@ class Chromium:
         for domain in ("Page", "Runtime", "Inspector"):
             self.devtools(f"{domain}.enable")
         if size:
-            self.devtools(
-                "Emulation.setDeviceMetricsOverride",
-                width=size[0], height=size[1], deviceScaleFactor=1, mobile=False,
-            )  # fmt: skip
+            self.resize(size)
         for script in scripts:
             self.devtools("Page.addScriptToEvaluateOnNewDocument", source=script)
         self.go(url)
@@ -117,6 +114,13 @@ class Chromium:
     def swap(self) -> None:
         """Turn to the tab that was put aside, and put this one aside."""
         (self._target, self._session), self._aside = self._aside, (self._target, self._session)
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Give the page another size."""
+        self.devtools(
+            "Emulation.setDeviceMetricsOverride",
+            width=size[0], height=size[1], deviceScaleFactor=1, mobile=False,
+        )  # fmt: skip
 
     def go(self, url: str) -> None:
         """Load another page in the same tab."""

@@ -51,6 +51,9 @@ class Browser(Protocol):
     ) -> None:
         """Open a page, whose scripts run before its own."""
 
+    def resize(self, size: tuple[int, int]) -> None:
+        """Give the page another size, as who drags its window does."""
+
     def evaluate(self, script: str) -> Any:
         """Return what a script gives, awaited."""
 
@@ -88,6 +91,9 @@ class Firefox:
         self, url: str, *scripts: str, size: tuple[int, int] | None = (1920, 400), anew: bool = True
     ) -> None:
         self.ask("open", url=url, scripts=scripts, size=size, anew=anew)
+
+    def resize(self, size: tuple[int, int]) -> None:
+        self.ask("resize", size=size)
 
     def evaluate(self, script: str) -> Any:
         return self.ask("evaluate", script=script)

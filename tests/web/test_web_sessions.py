@@ -13,6 +13,8 @@ from study_app.verification import verify
 from study_app.web.import_lines import import_results
 from study_app.web.read_results import read_web_results
 
+WINDOW = {"window_px": [1920, 1080], "device_pixel_ratio": 1.25, "scale": 1, "full_screen": True}
+SMALL = WINDOW | {"window_px": [300, 120]}
 FAULTS = {"missed": 0.03, "paused": 0.002, "disturbed": 0.002}
 
 
@@ -126,6 +128,8 @@ def test_what_comes_twice_torn_mixed_or_from_elsewhere_is_told_apart(kernel, cas
         ("attempt", {"outcome": "void", "void_reason": "too-late", "answer": None}, "outcome must"),
         ("attempt", {"presses": []}, "flips must be such as a screen shows (got"),
         ("attempt", {"flips_us": [5, 5, 5]}, "flips must come after the line before"),
+        ("attempt", {"window": SMALL}, "the window must show"),
+        ("start", {"machine": MACHINE | {"window_px": [300, 120]}}, "the window must show"),
         ("block-start", {"block": 0}, "must be what comes next, the start of block"),
         ("start", {"seed": 1}, "must be"),
         ("start", {"slot": 1}, "must be"),

@@ -81,7 +81,7 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     await fillScreen();
     const view = new View(canvas, pages, study, words);
     const { full_screen } = await view.fitting();
-    showNote(pages, ...(full_screen ? [] : [words.no_full_screen]), words.measuring);
+    showNote(pages, ...(full_screen ? [] : [words.noFullScreen]), words.measuring);
     const measured = await measuredRate();
     const rate = nearestRate(study, words, measured.refresh_hz);
     const files = new Files(study, base);

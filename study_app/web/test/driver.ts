@@ -9,6 +9,8 @@ interface Orders {
   launch: { path: string };
   /** Open a page, whose scripts run before its own; `anew` as in a browser that was never here. */
   open: { url: string; scripts: string[]; size: [number, number]; anew: boolean };
+  /** Give the page another size. */
+  resize: { size: [number, number] };
   evaluate: { script: string };
   close: object;
   /** Turn to the tab that was put aside, and put this one aside. */
@@ -58,6 +60,8 @@ async function obey(order: Order): Promise<unknown> {
       await page.goto(order.url);
       return null;
     }
+    case "resize":
+      return there(page).setViewport({ width: order.size[0], height: order.size[1] });
     case "evaluate":
       return there(page).evaluate(order.script);
     case "swap":

@@ -32,8 +32,8 @@ function takesPointer(study: WebStudy): boolean {
 /** Ask a device that may have no keyboard for one key, where the study needs keys. */
 export async function checkKeys(study: WebStudy, words: Words, pages: HTMLElement): Promise<void> {
   if (takesPointer(study) || !matchMedia("(pointer: coarse)").matches) return;
-  const none = button(words.no_keys, "leave");
-  pages.replaceChildren(lineOf(words.keys), none);
+  const none = button(words.noKeyboard, "leave");
+  pages.replaceChildren(lineOf(words.keyboard), none);
   pages.dataset["page"] = "keys";
   pages.hidden = false;
   const here = new AbortController();

@@ -33,8 +33,9 @@ export class View {
   async fitting(): Promise<BrowserWindow> {
     for (;;) {
       const now = await this.look();
-      if (this.lackOf(now) === null) return now;
-      await this.pressed();
+      const lack = this.lackOf(now);
+      if (lack === null) return now;
+      await this.pressed(lack);
       if (!(await fillScreen())) this.gives_full = false; // not any more
     }
   }
@@ -59,16 +60,18 @@ export class View {
   /** What is wrong with a window, in words. */
   private lackOf(now: BrowserWindow): string | null {
     const { study, words } = this;
-    if (!showsAll(now, study.window_px) || this.seen.zoom !== 1) {
+    if (this.seen.zoom !== 1) return words.zoomed;
+    if (!showsAll(now, study.window_px)) {
       const [width, height] = study.window_px.map((of_px) => now.scale * of_px);
       const got = now.window_px.join(" x ");
       return filled(words.window, { width: width ?? 0, height: height ?? 0, got });
     }
-    return this.gives_full && !now.full_screen ? words.full_screen : null;
+    return this.gives_full && !now.full_screen ? words.fullScreen : null;
   }
 
-  private async pressed(): Promise<void> {
-    const text = lineOf("");
+  /** Say what is wrong, and whether it still is, until the participant presses the button. */
+  private async pressed(lack: string): Promise<void> {
+    const text = lineOf(lack);
     const next = button(this.gives_full ? this.words.resume : this.words.next);
     const press = new Promise<true>((resolve) => {
       next.addEventListener("click", () => {
@@ -79,10 +82,10 @@ export class View {
     this.pages.dataset["page"] = "window";
     this.pages.hidden = false;
     next.focus();
-    for (let done = false; !done; ) {
-      text.textContent = this.lackOf(await this.look()) ?? this.words.fits;
+    for (;;) {
       const waited = new Promise<false>((resolve) => setTimeout(resolve, LOOK_MS, false));
-      done = await Promise.race([press, waited]);
+      if (await Promise.race([press, waited])) return;
+      text.textContent = this.lackOf(await this.look()) ?? this.words.fits;
     }
   }
 }
