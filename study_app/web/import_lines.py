@@ -523,7 +523,7 @@ class RebuiltSession:
         if line.outcome == "completed" and not shows_all(self._window, need_px):
             width, height = need_px
             must = f"the window must show {width} x {height} px of an attempt that counts"
-            raise self._wrong(must, in_words(self._window))
+            raise wrong(line, must, in_words(self._window))
         stage = ReplayedStage(line, self.display.refresh_hz)
         made: list[Attempt] = []
 

@@ -166,7 +166,7 @@ def test_screens_that_cannot_run_the_study_are_refused_before_anything_is_asked(
 ):
     def refused(*scripts: str, url: str = site.url, size: tuple[int, int] = (1920, 400)) -> str:
         chromium.open(f"{url}?slot=1", CLOCK, OBSERVER, *scripts, size=size)
-        until(chromium, "document.querySelector('main')?.innerText.length > 60")
+        until(chromium, "['over', 'window'].includes(document.querySelector('main')?.dataset.page)")
         return chromium.text()
 
     exact = built(for_browsers(of.study), tmp_path)

@@ -13,6 +13,7 @@ from timelines import OBSERVED, TIMELINES
 from web_kernel import Kernel, running_kernel
 
 from protocols.browser.web_study import adaptive_column, web_design
+from protocols.browser.window import shows_all
 from protocols.disk.hashing import sha256_json
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
@@ -23,6 +24,7 @@ from protocols.journal import (
     BlockEnd,
     BlockStart,
     Break,
+    BrowserWindow,
     Consent,
     ShownStimulus,
 )
@@ -61,6 +63,23 @@ def kernel(tmp_path_factory):
 @cache
 def study_of(name: str) -> StudyProtocol:
     return load_protocol(Path(name)).in_any_order()
+
+
+@given(
+    window_px=st.tuples(*[st.integers(1, 9000)] * 2),
+    need_px=st.tuples(*[st.integers(1, 3000)] * 2),
+    scale=st.integers(1, 4),
+    off=st.integers(-1, 1),
+)
+@SLOW
+def test_what_a_window_shows_is_what_python_says(kernel, window_px, need_px, scale, off):
+    for size in (window_px, tuple(scale * edge + off for edge in need_px)):
+        window = {
+            "window_px": [max(1, edge) for edge in size], "device_pixel_ratio": 1.5,
+            "scale": scale, "full_screen": False,
+        }  # fmt: skip
+        shown = shows_all(BrowserWindow.model_validate(window), need_px)
+        assert kernel.ask("window", window=window, need_px=need_px) == shown
 
 
 def tell(kernel: Kernel, study: StudyProtocol) -> str:

@@ -6,7 +6,7 @@ import pytest
 from web_kernel import running_kernel
 from web_study import WEB_CASES, BuiltWebStudy, brought_home, changed
 
-from protocols.journal import SessionResume
+from protocols.journal import Note, SessionResume
 from protocols.journal_file import read_journal
 from study_app.session_folders import find_sessions
 from study_app.verification import verify
@@ -129,7 +129,6 @@ def test_what_comes_twice_torn_mixed_or_from_elsewhere_is_told_apart(kernel, cas
         ("attempt", {"presses": []}, "flips must be such as a screen shows (got"),
         ("attempt", {"flips_us": [5, 5, 5]}, "flips must come after the line before"),
         ("attempt", {"window": SMALL}, "the window must show"),
-        ("start", {"machine": MACHINE | {"window_px": [300, 120]}}, "the window must show"),
         ("block-start", {"block": 0}, "must be what comes next, the start of block"),
         ("start", {"seed": 1}, "must be"),
         ("start", {"slot": 1}, "must be"),
@@ -161,6 +160,43 @@ def test_a_missing_line_is_named_and_one_that_says_two_things_is_left(kernel, ca
     (torn,) = brought_home(of, twice, tmp_path)
     assert (torn.state, torn.reason) == ("imported", "completed")
     assert torn.message == "lines of another tab or device were left: 1 of run 0"
+
+
+def told(lines: list[dict[str, object]]) -> list[str]:
+    """Return lines as a browser sends them."""
+    return [json.dumps(line) + "\n" for line in lines]
+
+
+def test_lines_of_pages_that_looked_at_the_window_once_are_believed_by_that_look(
+    kernel, case, tmp_path
+):
+    of = case("yes-no")
+    lines = [json.loads(line) for line in of.session(kernel)["results"]]
+    for line in lines:
+        line.pop("window", None)
+    assert brought_home(of, told(lines), tmp_path)[0].state == "imported"
+    assert not [one for one in journal_of(of, tmp_path).events if isinstance(one, Note)]
+    lines[0]["machine"] |= SMALL
+    (refused,) = brought_home(of, told(lines), tmp_path / "small")
+    assert "the window must show" in refused.message
+    assert "window of 300 x 120 px, device ratio 1.25, scale 1, in full screen" in refused.message
+
+
+def test_each_change_of_the_window_is_noted_before_its_attempt(kernel, case, tmp_path):
+    of = case("yes-no")
+    lines = [json.loads(line) for line in of.session(kernel)["results"]]
+    attempts = [line for line in lines if line["kind"] == "attempt"]
+    for line in attempts[3:6]:
+        line["window"] |= {"window_px": [3840, 2160], "scale": 2, "full_screen": False}
+    assert brought_home(of, told(lines), tmp_path)[0].state == "imported"
+    events = journal_of(of, tmp_path).events
+    noted = [(n, one.text) for n, one in enumerate(events) if isinstance(one, Note)]
+    assert [text for _, text in noted] == [
+        "window of 3840 x 2160 px, device ratio 1.25, scale 2, not in full screen",
+        "window of 1920 x 1080 px, device ratio 1.25, scale 1, in full screen",
+    ]
+    behind = [next(one.trial for one in events[n:] if hasattr(one, "trial")) for n, _ in noted]
+    assert behind == [attempts[n]["trial"] for n in (3, 6)]
 
 
 def test_what_is_imported_again_is_there_and_what_came_later_is_added(kernel, case, tmp_path):
