@@ -382,16 +382,25 @@ class RefreshRate(Model):
     scripts: dict[LanguageCode, tuple[WebScript, ...]]
 
 
+PIECE_PX = 256
+"""Edge of the pieces that frames are cut into."""
+
+
 class Pack(Model):
-    """The frames of a stimulus one after the other in one file, each as PNG or lossless WebP."""
+    """Pictures one after the other in one file, each as PNG or lossless WebP: frames or pieces."""
 
     file: Text
     """Name in the folder `packs`."""
     bytes: Count
     sha256: tuple[Sha256, ...]
-    """Hash of each frame's bytes in the file: of a PNG file, as the manifest has it."""
+    """Hash of each picture's bytes in the file: of a frame's PNG file, as the manifest has it."""
     ends: tuple[Count, ...]
-    """End of each frame in the file, in bytes from its beginning."""
+    """End of each picture in the file, in bytes from its beginning."""
+    shared: tuple[Text, ...] = ()
+    """Packs of pieces that other stimuli have, too, by their names."""
+    frames: tuple[tuple[Count, ...], ...] = ()
+    """Pieces of each frame, row by row, by their numbers: those of shared packs come first. Empty:
+    each picture is a frame."""
 
 
 class WebPages(Model):
@@ -444,6 +453,10 @@ class WebStudy(Model):
     stimulus_px: PixelSize
     stimuli: dict[str, Pack]
     """Stimuli by names that tell nothing."""
+    shared: dict[str, Pack]
+    """Packs of pieces that several stimuli have, by names that tell nothing."""
+    piece_px: Positive
+    """Edge of the square pieces, of which those at the right and the bottom may be smaller."""
     pictures: dict[Sha256, PictureFile]
     """Pictures by the hash of what they show."""
     decoded_bytes: Count

@@ -138,6 +138,11 @@ class Recipe(Model):
         return None if self.frames == 1 else self.frames / self.frame_hz
 
     @property
+    def overlap(self) -> tuple[float, float]:
+        """Pictures' worth of pixels that a scene's stimuli share, and that each has for itself."""
+        return 0.0, 1.0
+
+    @property
     def follows_gaze(self) -> bool:
         """True if stimuli are drawn to the gaze, frame by frame: `LiveImage`, not `Image`."""
         return False

@@ -498,6 +498,15 @@ class FoveatedImages(ExtendedModel, Recipe):
         return self.width_px, self.height_px
 
     @property
+    def overlap(self) -> tuple[float, float]:
+        """Rings on one picture differ about the ring; cuts of one picture, along the cut."""
+        if self.rings is not None and self.rings.background == "undistorted":
+            return 1.0, 0.05
+        if self.cuts is not None and not self.cuts.own_seeds:
+            return float(len(self.methods)), 0.15
+        return super().overlap
+
+    @property
     def seed(self) -> int:
         """Seed of every texture."""
         return self.texture_seed

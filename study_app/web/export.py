@@ -8,9 +8,9 @@ from __future__ import annotations
 import io
 import math
 import shutil
-from collections import Counter
+from collections import ChainMap, Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -22,8 +22,8 @@ from protocols.browser.web_study import (
     BUDGET_MB,
     DECODED_MB,
     MB,
+    PIECE_PX,
     STUDY_FILE,
-    Pack,
     PictureFile,
     RefreshRate,
     ShownPicture,
@@ -44,18 +44,22 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import TRIALS_IN_MEMORY, require_feasible, session_duration_s
 from protocols.manifest import Clip, Manifest, check_manifest
-from protocols.plan import planned_trials
+from protocols.plan import planned_trials, scenes_at, windows
+from protocols.recipes.base import SCENE
 from protocols.revision import code_revision
 from protocols.script import Drawn, Entry, Frames, Live, Picture, PixelSize, Place, TrialScript
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import consent_text, filled_text, key_label
-from study_app.clips import check_files, frame_bytes
+from study_app.clips import check_files
 from study_app.paint import Bitmaps, PixelBytes, bitmaps_of, drawn
+from study_app.web.packs import Packs, write_packs
 
 PACKS, PICTURES = "packs", "pictures"
-_COLOUR_CHUNKS = ("cHRM", "cICP", "gAMA", "iCCP", "sRGB")
 _SLOTS_LOOKED_AT = 8
 """Plans differ in order, and rarely in what they show: so many say how much that is."""
+_MOST_LOOKED_AT = 40
+BYTES_PER_PX = 1.2
+"""Estimate for pictures as lossless WebP: photographs and rendered scenes took 0.9 to 1.2."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +69,17 @@ class BrowserNeeds:
     rates: Mapping[float, list[str]]
     """Reasons why it does not run at a refresh rate; an empty list where it does."""
     fetched_bytes: int
-    """Bytes of the frames that one participant sees, as PNG files."""
+    """Bytes of the files that one participant fetches."""
     decoded_bytes: int
     """Bytes of the decoded stimuli of two trials."""
     duration_s: float
     """Length of a session, answers in 1.5 s."""
     window_px: PixelSize
     """Smallest part of the screen that shows all of a trial."""
+    decisions: int
+    """Main trials of a participant."""
+    estimated: bool = False
+    """True if the stimuli were not built, and their bytes are an estimate."""
 
     @property
     def rates_hz(self) -> tuple[float, ...]:
@@ -157,13 +165,14 @@ class WebBuild:
             found[clip.name] = sha256_json([clip.sha256, met[clip.sha256]])[:16]
         return found
 
-    def needs(self, frame_bytes: Mapping[str, int] | None = None) -> BrowserNeeds:
+    def needs(self, packs: Mapping[str, Mapping[str, int]] | None = None) -> BrowserNeeds:
         """Return the study's needs of a browser.
 
         Parameters
         ----------
-        frame_bytes : mapping, optional
-            Bytes of each stimulus; left out, 1.6 bytes a pixel, as photographs take.
+        packs : mapping, optional
+            Bytes of the files that each stimulus takes, by their names. Left out: an estimate of
+            1.2 bytes a pixel, as photographs take, and of what a scene's stimuli have in common.
 
         Raises
         ------
@@ -180,18 +189,20 @@ class WebBuild:
         clip = self.stimuli[0]
         pixels = clip.width_px * clip.height_px * len(clip.frames_sha256)
         of_trial = TRIALS_IN_MEMORY * self.study.task.stimuli_per_trial * pixels * 4
-        sizes = frame_bytes or {one.name: round(1.6 * pixels) for one in self.stimuli}
-        seen = max(
-            (self._seen(slot) for slot in range(_SLOTS_LOOKED_AT)),
-            key=lambda names: sum(sizes[name] for name in names),
-        )
-        trials = len(planned_trials(self.shown.ordered_by(0), "web", 0))
+        sizes = self._estimated(BYTES_PER_PX * pixels) if packs is None else packs
+        fetched = 0
+        for slot in range(min(max(_SLOTS_LOOKED_AT, windows(self.shown)), _MOST_LOOKED_AT)):
+            files_seen = ChainMap(*(dict(sizes.get(name, {})) for name in self._seen(slot)))
+            fetched = max(fetched, sum(files_seen.values()))
+        planned = planned_trials(self.shown.ordered_by(0), "web", 0)
         return BrowserNeeds(
             self.rates,
-            sum(sizes[name] for name in seen),
+            fetched,
             of_trial,
-            session_duration_s(self.shown, trials),
+            session_duration_s(self.shown, len(planned)),
             self.window_px(),
+            sum(trial.role == "main" for trial in planned),
+            packs is None,
         )
 
     def write(
@@ -227,23 +238,12 @@ class WebBuild:
         require_feasible(self.shown, self.display, self.manifest)
         check_files(stimuli, self.manifest)
         design = web_design(self.shown, self.names)
-        sizes = {
-            clip.name: sum(
-                (stimuli / clip.frame_path(index)).stat().st_size
-                for index in range(len(clip.frames_sha256))
-            )
-            for clip in self.stimuli
-        }
-        needs = self.needs(sizes)
-        check_budget(needs, self, budget_mb, decoded_mb)
+        check_budget(self.needs({}), self, budget_mb, decoded_mb)
         with whole_folder(out, replace=True, reads=[stimuli]) as work:
             (work / PACKS).mkdir()
-            packs = {
-                self.names[clip.name]: write_pack(
-                    stimuli, clip, work / PACKS / f"{self.names[clip.name]}.pack"
-                )
-                for clip in self.stimuli
-            }
+            packs = write_packs(stimuli, self.stimuli, self.names, work / PACKS)
+            needs = self.needs({one: packs.bytes_of(name) for one, name in self.names.items()})
+            check_budget(needs, self, budget_mb, decoded_mb)
             pictures = self._write_pictures(work / PICTURES)
             written = self._study_file(design, needs, packs, pictures)
             for asset in sorted(files("study_app").joinpath("web/assets").iterdir(), key=str):
@@ -257,7 +257,7 @@ class WebBuild:
         self,
         design: WebDesign,
         needs: BrowserNeeds,
-        packs: dict[str, Pack],
+        packs: Packs,
         pictures: dict[str, PictureFile],
     ) -> WebStudy:
         return WebStudy(
@@ -281,7 +281,9 @@ class WebBuild:
             pause_keys=self.study.response.pause_keys,
             quit_keys=self.study.response.quit_keys,
             stimulus_px=self._any_script.stimulus_px,
-            stimuli=dict(sorted(packs.items())),
+            stimuli=dict(sorted(packs.stimuli.items())),
+            shared=packs.shared,
+            piece_px=PIECE_PX,
             pictures=pictures,
             decoded_bytes=needs.decoded_bytes,
             **self.shown.web.model_dump(include={"identifier", "completion_url", "completion_code"})
@@ -349,11 +351,27 @@ class WebBuild:
             yield picture.at[0] + right, picture.at[1] + down, pixels.shape[1], pixels.shape[0]
 
     def _seen(self, slot: int) -> set[str]:
-        """Return the stimuli that a participant may see."""
-        trials = planned_trials(self.shown.ordered_by(slot), "web", slot)
-        planned = {name for trial in trials for name in trial.stimuli}
-        chosen = any(trial.track is not None for trial in trials)
-        return planned | ({clip.name for clip in self.stimuli} if chosen else set())
+        """Return the stimuli that a participant may see, with the places in order of arrival."""
+        design = self.shown.design.model_copy(update={"places": "by-arrival"})
+        study = self.shown.model_copy(update={"design": design}).ordered_by(0)
+        trials = planned_trials(study, "web", slot)
+        seen = {name for trial in trials for name in trial.stimuli}
+        if any(trial.track is not None for trial in trials):
+            pool = replace(study.pool, scenes=scenes_at(study, slot))
+            ways = [way for cell in study.task.cells(pool) for way in cell.arrangements]
+            seen |= {name for way in ways for name in way.stimuli}
+        return seen
+
+    def _estimated(self, each: float) -> dict[str, dict[str, int]]:
+        """Return the bytes of the files that stimuli take, of so many in a stimulus by itself."""
+        shared, own = self.study.stimuli.overlap
+        return {
+            clip.name: {
+                clip.name: round(own * each),
+                f"scene:{clip.condition.get(SCENE)}": round(shared * each),
+            }
+            for clip in self.stimuli
+        }
 
     def _rate(self, refresh_hz: float) -> RefreshRate:
         kinds = scripts_at(self.study, self._at(refresh_hz), self.study.text.default_language)
@@ -427,40 +445,6 @@ def cut_out(of: Drawn, bitmaps: Bitmaps) -> tuple[PixelBytes, Place]:
         return pixels[:1, :1], (0, 0)
     top, left = int(rows[0]), int(columns[0])
     return pixels[top : rows[-1] + 1, left : columns[-1] + 1], (left, top)
-
-
-def write_pack(stimuli: Path, clip: Clip, path: Path) -> Pack:
-    """Write the frames of a stimulus into a file, one after the other, as they are.
-
-    Raises
-    ------
-    StudyError
-        If a frame is not the one that was hashed, or asks a browser for other colours.
-    """
-    end, ends = 0, []
-    with path.open("wb") as pack:
-        for index in range(len(clip.frames_sha256)):
-            data = frame_bytes(stimuli, clip, index)
-            if chunks := colour_chunks(data):
-                raise StudyError(
-                    f"{stimuli / clip.frame_path(index)}: must hold no colour chunk (has"
-                    f" {', '.join(chunks)}): some browsers show other codes then than those that"
-                    " were hashed; build the stimuli with 'metamerlab stimuli build', which writes"
-                    " none"
-                )
-            pack.write(data)
-            end += len(data)
-            ends.append(end)
-    return Pack(file=path.name, bytes=end, sha256=clip.frames_sha256, ends=tuple(ends))
-
-
-def colour_chunks(png: bytes) -> list[str]:
-    """Return the names of chunks that say how a PNG's codes are meant; they precede its pixels."""
-    found, at = [], 8
-    while png[at + 4 : at + 8] not in (b"IDAT", b""):
-        found += [name for name in _COLOUR_CHUNKS if png[at + 4 : at + 8] == name.encode()]
-        at += 12 + int.from_bytes(png[at : at + 4], "big")
-    return found
 
 
 def check_budget(

@@ -20,6 +20,7 @@ from protocols.load import load_display, load_study
 from protocols.manifest import Manifest, write_manifest
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import Web
+from study_app.web import export, packs
 from study_app.web.export import WebBuild
 from study_app.web.import_lines import ImportResult, import_results
 from study_app.web.read_results import BrowserResults
@@ -35,6 +36,8 @@ WEB_CASES = CASES | {
 }  # fmt: skip
 FHD = load_display("fhd27-60hz")
 AS_ONCE = {"opened_s": 0, "past": None, "rates_hz": [], "most": None}
+PIECE_PX = 24
+"""Edge of the pieces of `alike_in`."""
 NO_FAULTS = {"missed": 0.0, "paused": 0.0, "disturbed": 0.0, "killed": 0.0}
 
 
@@ -124,6 +127,30 @@ def cases_in(folders: pytest.TempPathFactory) -> Callable[[str], BuiltWebStudy]:
         return made[name]
 
     return of
+
+
+def alike_in(of: BuiltWebStudy, folder: Path) -> BuiltWebStudy:
+    """Return the study with stimuli that are one picture but for a square, cut into small pieces.
+
+    Each participant is shown two of the three scenes.
+    """
+    base = np.add.outer(np.arange(64), np.arange(64)).astype(np.uint8)
+    clips = []
+    for number, clip in enumerate(of.manifest.clips):
+        pixels = np.stack([base, base.T[::-1], 255 - base], axis=-1)
+        pixels[30:40, 30:40] = number * 7 % 256
+        path = folder / "stimuli" / clip.frame_path(0)
+        path.parent.mkdir(parents=True)
+        Image.fromarray(pixels).save(path)
+        clips.append(clip.model_copy(update={"frames_sha256": (sha256_file(path),)}))
+    manifest = of.manifest.model_copy(update={"clips": tuple(clips)})
+    write_manifest(folder / "stimuli", manifest)
+    study = for_browsers(of.study, tolerance_s=0.01, share=0.67)
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (packs, export):
+            patch.setattr(module, "PIECE_PX", PIECE_PX)
+        WebBuild(study, FHD, manifest).write(folder / "stimuli", folder / "out")
+    return BuiltWebStudy(study, FHD, manifest, folder / "stimuli", folder / "out")
 
 
 def brought_home(of: BuiltWebStudy, results: list[str], root: Path) -> list[ImportResult]:

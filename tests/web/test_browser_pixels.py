@@ -149,6 +149,15 @@ def test_canvases_show_what_is_painted(chromium, firefox, case, lab, name):
         assert [one for one in found if one[0] > most[0] or one[1] > most[1]] == []
 
 
+@pytest.mark.slow
+def test_frames_put_together_of_pieces_show_what_is_painted(chromium, firefox, alike, lab):
+    shown = [*scenes(alike)]
+    for browser, flat in ((chromium, False), (chromium, True), (firefox, True)):
+        found = [*differences(browser, alike, shown, lab, flat=flat)]
+        most = SMOOTH[browser is firefox]
+        assert [one for one in found if one[0] > most[0] or one[1] > most[1]] == []
+
+
 def with_gamma(of: BuiltWebStudy, name: str, site: Site) -> None:
     """Give a stimulus a chunk that asks for other colours: its pixels are the same."""
     chunk = PngInfo()

@@ -17,7 +17,8 @@ from protocols.disk.hashing import sha256_file
 from protocols.errors import StudyError
 from protocols.study_file.preregister import preregistration, to_markdown
 from stimuli.media.png import encode_bytes
-from study_app.web.export import WebBuild, check_budget, colour_chunks
+from study_app.web.export import WebBuild, check_budget
+from study_app.web.packs import colour_chunks
 from study_app.web.read_results import BrowserResults, read_web_results
 
 

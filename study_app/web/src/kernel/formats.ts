@@ -18,11 +18,13 @@ export interface WebStudy {
   readonly pages: Readonly<Record<string, WebPages>>;
   readonly pause_keys: readonly string[];
   /** Pictures by the hash of what they show. */ readonly pictures: Readonly<Record<string, PictureFile>>;
+  /** Edge of the square pieces, of which those at the right and the bottom may be smaller. */ readonly piece_px: number;
   readonly protocol_sha256: string;
   readonly quit_keys: readonly string[];
   readonly rates: readonly RefreshRate[];
   /** Version and git revision of metamerlab. */ readonly revision: string;
   /** Size of the screen that the study was made for: a click answers by its share of the width. */ readonly screen_px: readonly [number, number];
+  /** Packs of pieces that several stimuli have, by names that tell nothing. */ readonly shared: Readonly<Record<string, Pack>>;
   /** Stimuli by names that tell nothing. */ readonly stimuli: Readonly<Record<string, Pack>>;
   readonly stimulus_px: readonly [number, number];
   readonly study: string;
@@ -54,12 +56,14 @@ export interface Frames {
   /** Number of the trial's stimulus, from 0. */ readonly stimulus: number;
 }
 
-/** The frames of a stimulus one after the other in one file, each as PNG or lossless WebP. */
+/** Pictures one after the other in one file, each as PNG or lossless WebP: frames or pieces. */
 export interface Pack {
   readonly bytes: number;
-  /** End of each frame in the file, in bytes from its beginning. */ readonly ends: readonly number[];
+  /** End of each picture in the file, in bytes from its beginning. */ readonly ends: readonly number[];
   /** Name in the folder `packs`. */ readonly file: string;
-  /** Hash of each frame's bytes in the file: of a PNG file, as the manifest has it. */ readonly sha256: readonly string[];
+  /** Pieces of each frame, row by row, by their numbers: those of shared packs come first. Empty: each picture is a frame. */ readonly frames: readonly (readonly number[])[];
+  /** Hash of each picture's bytes in the file: of a frame's PNG file, as the manifest has it. */ readonly sha256: readonly string[];
+  /** Packs of pieces that other stimuli have, too, by their names. */ readonly shared: readonly string[];
 }
 
 /** A picture that Python made: a PNG file. */

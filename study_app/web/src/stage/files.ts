@@ -1,5 +1,6 @@
 /** Files of the study: each is hashed before anything is decoded, and a wrong one is named. */
 import type { Pack, PictureFile, WebStudy } from "../kernel/formats";
+import { at } from "../kernel/list";
 import { insist, UnsentError, type Told } from "../store/stores";
 
 /** A file that is not the one that was hashed, or did not come. */
@@ -111,6 +112,8 @@ export class Files {
   /** Called as the line goes down, and as it comes back: whoever waits for files says so. */
   heard: () => void = () => undefined;
   private readonly packs = new Map<string, Promise<ImageBitmap[]>>();
+  /** Coded pieces that several stimuli have, which are fetched once. */
+  private readonly shared = new Map<string, Promise<ArrayBuffer[]>>();
   private failing = 0;
 
   constructor(
@@ -168,7 +171,48 @@ export class Files {
     });
   }
 
-  private load(name: string, pack: Pack): Promise<ImageBitmap[]> {
+  private async load(name: string, pack: Pack): Promise<ImageBitmap[]> {
+    const shared = await Promise.all(pack.shared.map((one) => this.sharedPieces(one)));
+    const pieces = [...shared.flat(), ...(await this.pieces(name, pack))];
+    const frames = pack.frames.length ? pack.frames : pieces.map((_, number) => [number]);
+    return Promise.all(frames.map((frame) => this.frame(name, frame.map((number) => at(pieces, number)))));
+  }
+
+  private sharedPieces(name: string): Promise<ArrayBuffer[]> {
+    const there = this.shared.get(name);
+    if (there) return there;
+    const pack = this.study.shared[name];
+    if (!pack) throw new FileError(`${name} is none of the study's packs`);
+    const loading = this.pieces(name, pack);
+    this.shared.set(name, loading);
+    loading.catch(() => this.shared.delete(name));
+    return loading;
+  }
+
+  /** A frame, decoded: one piece, or put together of several, row by row. */
+  private async frame(name: string, pieces: readonly ArrayBuffer[]): Promise<ImageBitmap> {
+    const [width, height] = this.study.stimulus_px;
+    const bitmaps = await Promise.all(pieces.map((piece) => decoded(piece, name)));
+    const [first] = bitmaps;
+    const fits = first?.width === width && first.height === height;
+    if (first && bitmaps.length === 1 && fits) return first;
+    const across = Math.ceil(width / this.study.piece_px);
+    const down = Math.ceil(height / this.study.piece_px);
+    const canvas = new OffscreenCanvas(width, height);
+    const context = canvas.getContext("2d", { alpha: false });
+    if (!context || bitmaps.length !== across * down || bitmaps.length === 1) {
+      throw new FileError(`${name} must be ${width} x ${height} px (is ${first?.width} x ${first?.height})`);
+    }
+    bitmaps.forEach((bitmap, number) => {
+      const [column, row] = [number % across, Math.floor(number / across)];
+      context.drawImage(bitmap, column * this.study.piece_px, row * this.study.piece_px);
+      bitmap.close();
+    });
+    return canvas.transferToImageBitmap();
+  }
+
+  /** The pictures of a pack, coded, each of which is the one that was hashed. */
+  private pieces(name: string, pack: Pack): Promise<ArrayBuffer[]> {
     return twice((again) =>
       again
         ? this.inParts(name, pack, "reload", [[0, pack.ends.length]])
@@ -189,9 +233,9 @@ export class Files {
     pack: Pack,
     cache: RequestCache,
     parts: readonly (readonly [number, number])[],
-  ): Promise<ImageBitmap[]> {
+  ): Promise<ArrayBuffer[]> {
     const path = `packs/${encodeURIComponent(pack.file)}`;
-    const frames: ImageBitmap[] = [];
+    const found: ArrayBuffer[] = [];
     let whole: ArrayBuffer | null = null;
     for (const [first, after] of parts) {
       const [start, end] = [pack.ends[first - 1] ?? 0, pack.ends[after - 1] ?? 0];
@@ -207,31 +251,13 @@ export class Files {
       const pieces = pack.ends
         .slice(first, after)
         .map((to, at) => data.slice((pack.ends[first + at - 1] ?? 0) - from, to - from));
-      frames.push(...(await this.checked(name, pieces, pack.sha256.slice(first, after), first)));
+      const hashes = await Promise.all(pieces.map(sha256));
+      const wrong = hashes.findIndex((hash, at) => hash !== pack.sha256[first + at]);
+      if (wrong >= 0) {
+        throw new FileError(`frame ${first + wrong} of ${name} is not the one that was hashed`);
+      }
+      found.push(...pieces);
     }
-    return frames;
-  }
-
-  /** Some frames of a stimulus, from the `first` on: hashed, then decoded. */
-  private async checked(
-    name: string,
-    pieces: readonly ArrayBuffer[],
-    wanted: readonly string[],
-    first: number,
-  ): Promise<ImageBitmap[]> {
-    const [width, height] = this.study.stimulus_px;
-    const hashes = await Promise.all(pieces.map(sha256));
-    const wrong = hashes.findIndex((hash, at) => hash !== wanted[at]);
-    if (wrong >= 0) {
-      throw new FileError(`frame ${first + wrong} of ${name} is not the one that was hashed`);
-    }
-    const frames = await Promise.all(pieces.map((piece) => decoded(piece, name)));
-    const odd = frames.find((frame) => frame.width !== width || frame.height !== height);
-    if (odd) {
-      throw new FileError(
-        `${name} must be ${width} x ${height} px (is ${odd.width} x ${odd.height})`,
-      );
-    }
-    return frames;
+    return found;
   }
 }
