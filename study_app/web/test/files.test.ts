@@ -11,6 +11,8 @@ const PACK = {
   file: "a clip.pack",
   bytes: BYTES.length,
   ends: ENDS,
+  shared: [],
+  frames: [],
   sha256: ENDS.map((end, n) => createHash("sha256").update(BYTES.subarray(ENDS[n - 1] ?? 0, end)).digest("hex")),
 } as unknown as Pack;
 const STUDY = { stimuli: { clip: PACK }, stimulus_px: [4, 3], pictures: {} } as unknown as WebStudy;
