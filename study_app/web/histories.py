@@ -20,7 +20,7 @@ MOST_HISTORIES = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class TreeLine:
     """A line in the tree."""
 
     n: int
@@ -30,14 +30,14 @@ class Place:
     opened_s: float
     """Moment at which its page was opened, by that page's clocks."""
     packed: bytes
-    before: Place | None
+    before: TreeLine | None
     length: int
     """Lines up to this one."""
     completed_at: str
     """Time at which the session was completed; empty where it was not."""
 
     @property
-    def history(self) -> list[Place]:
+    def history(self) -> list[TreeLine]:
         """All lines up to this one, in order."""
         found = [self]
         while (before := found[-1].before) is not None:
@@ -45,22 +45,22 @@ class Place:
         return found[::-1]
 
 
-def unpacked(packed: bytes) -> AnyLine:
+def unpacked_line(packed: bytes) -> AnyLine:
     """Return a line."""
     return LINE.validate_json(zlib.decompress(packed))
 
 
-def histories(told: Mapping[int, Sequence[bytes]]) -> list[Place]:
+def histories(told: Mapping[int, Sequence[bytes]]) -> list[TreeLine]:
     """Return the ends of histories: of those that were completed first, then of the longest.
 
     `told` holds all different lines of each number, packed.
     """
-    openings: dict[tuple[int, int | None], list[Place]] = {}
-    ends: dict[int, Place] = {}
-    level: list[Place] = []
+    openings: dict[tuple[int, int | None], list[TreeLine]] = {}
+    ends: dict[int, TreeLine] = {}
+    level: list[TreeLine] = []
     for n in sorted(told):
         level = [_placed(packed, openings, level) for packed in told[n]]
-        fresh: dict[tuple[int, int | None], list[Place]] = defaultdict(list)
+        fresh: dict[tuple[int, int | None], list[TreeLine]] = defaultdict(list)
         for place in level:
             fresh[place.run, place.opening].append(place)
             ends[id(place)] = place
@@ -73,10 +73,12 @@ def histories(told: Mapping[int, Sequence[bytes]]) -> list[Place]:
 
 
 def _placed(
-    packed: bytes, openings: Mapping[tuple[int, int | None], Sequence[Place]], last: Sequence[Place]
-) -> Place:
+    packed: bytes,
+    openings: Mapping[tuple[int, int | None], Sequence[TreeLine]],
+    last: Sequence[TreeLine],
+) -> TreeLine:
     """Return the place of a line among the last ones of each opening, and of all."""
-    line = unpacked(packed)
+    line = unpacked_line(packed)
     opened_s = 0.0
     with suppress(ValueError):  # of a date that is none
         opened_s = datetime.fromisoformat(line.at).timestamp() - line.t_s
@@ -92,15 +94,15 @@ def _placed(
         before = min(near, key=lambda one: abs(one.opened_s - opened_s), default=None)
     done = line.at if isinstance(line, EndLine) and line.reason == "completed" else ""
     length, done = (before.length, before.completed_at or done) if before else (0, done)
-    return Place(
+    return TreeLine(
         line.n, line.run, line.opening, line.at, opened_s, packed, before, length + 1, done
     )
 
 
-def left_by(kept: Sequence[Place], told: Mapping[int, Sequence[bytes]]) -> str:
+def left_by(kept: Sequence[TreeLine], told: Mapping[int, Sequence[bytes]]) -> str:
     """Return the number of lines of each run that a history leaves, in words; empty: none."""
     ours = {id(place.packed) for place in kept}
     left = [text for texts in told.values() for text in texts if id(text) not in ours]
-    runs = sorted(Counter(unpacked(text).run for text in left).items())
+    runs = sorted(Counter(unpacked_line(text).run for text in left).items())
     said = ", ".join(f"{count} of run {run}" for run, count in runs)
     return said and f"lines of another tab or device were left: {said}"

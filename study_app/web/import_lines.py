@@ -82,7 +82,7 @@ from study_app.trial import Trial
 from study_app.verification import verify
 from study_app.web.check_lines import LineCheck, wrong
 from study_app.web.export import WebBuild
-from study_app.web.histories import Place, histories, left_by
+from study_app.web.histories import TreeLine, histories, left_by
 from study_app.web.read_results import (
     BrowserResults,
     ContradictionError,
@@ -239,7 +239,7 @@ def _import_best(
 
 def _import_history(
     who: str,
-    history: Sequence[Place],
+    history: Sequence[TreeLine],
     build: WebBuild,
     root: Path,
     slots: Mapping[int, str],

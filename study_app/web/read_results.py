@@ -27,7 +27,7 @@ from protocols.errors import StudyError
 from protocols.limits import LIMITS_VARIABLE, check_within, limit
 from protocols.outside import check_zip, reading, shown
 from protocols.study_file.problems import in_words
-from study_app.web.histories import Place, unpacked
+from study_app.web.histories import TreeLine, unpacked_line
 from study_app.web.senders import METADATA, Senders
 
 _BEGINNING = re.compile(r'(?=\{"study":)')
@@ -73,7 +73,7 @@ class ParticipantLines:
         if packed in there:
             self.repeated += 1
         elif len(there) < _SHOWN:
-            if any(unpacked(one) == line for one in there):
+            if any(unpacked_line(one) == line for one in there):
                 self.repeated += 1
             else:
                 there.append(packed)
@@ -275,7 +275,7 @@ def _unpacked(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, place: Path, mos
     return bytes(text)
 
 
-def whole_lines(history: Sequence[Place]) -> Iterator[AnyLine]:
+def whole_lines(history: Sequence[TreeLine]) -> Iterator[AnyLine]:
     """Return the lines of a history in order.
 
     Raises
@@ -296,4 +296,4 @@ def whole_lines(history: Sequence[Place]) -> Iterator[AnyLine]:
             f"{count - len(history):,} of {count:,} lines have not come (numbers {some}); ask"
             " the server for the rest of the results, or the participant for the local copy"
         )
-    return (unpacked(place.packed) for place in history)
+    return (unpacked_line(place.packed) for place in history)
