@@ -280,12 +280,13 @@ def _browser(study: StudyProtocol, display: Display) -> list[str]:
     if web is None:
         return []
     rates = [f"{rate:g}" for rate, problems in rates_of(study, display).items() if not problems]
+    share = f" Each is shown a share of {web.share:g} of the scenes there." * (web.share < 1)
     kept = f" The link's parameter {web.identifier} is kept." if web.identifier else ""
     return [
         "It may run in participants' own browsers, where gaze is not tracked, and neither luminance"
         " nor distance is known. Times may be off by at most"
         f" {1000 * web.tolerance_s:g} ms there, to be whole refreshes. Screens that need more are"
-        f" refused: it runs at {', '.join(rates) or 'no rate'} Hz.{kept}"
+        f" refused: it runs at {', '.join(rates) or 'no rate'} Hz.{share}{kept}"
     ]
 
 
