@@ -159,7 +159,7 @@ def visible_line(message: str) -> str:
 
 
 def shown(found: object) -> str:
-    """Return what was found as one line of a message shows it: nothing hidden, cut short."""
+    """Return a value that was found as one line of a message: nothing hidden, cut short."""
     text = str(found)[:200]
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)[:200]
 

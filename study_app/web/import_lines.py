@@ -40,7 +40,7 @@ from protocols.browser.web_lines import (
     StartLine,
 )
 from protocols.browser.web_study import deviations_s
-from protocols.browser.window import in_words, shows_all, stimuli_px
+from protocols.browser.browser_window import shows_all, stimuli_px, window_in_words
 from protocols.disk.hashing import sha256_json
 from protocols.disk.result_folder import whole_folder
 from protocols.display import Display
@@ -378,7 +378,7 @@ class RebuiltSession:
         self._window = BrowserWindow(
             **begun.machine.model_dump(include=set(BrowserWindow.model_fields))
         )
-        """Of the last line that told one."""
+        """The one of the last line that told one."""
         self.attempts = 0
         self.reason = ""
 
@@ -406,7 +406,7 @@ class RebuiltSession:
                 window = line.window if isinstance(line, AttemptLine) else None
                 if window is not None and window != self._window:
                     self._window = window
-                    recorder.append(Note(**recorder.stamps(), text=in_words(window)))
+                    recorder.append(Note(**recorder.stamps(), text=window_in_words(window)))
                 recorder.append(self._event(line, recorder))
                 self.attempts += isinstance(line, AttemptLine)
                 if isinstance(line, AttemptLine) and line.disturbed:
@@ -523,7 +523,7 @@ class RebuiltSession:
         if line.outcome == "completed" and not shows_all(self._window, need_px):
             width, height = need_px
             must = f"the window must show {width} x {height} px of an attempt that counts"
-            raise wrong(line, must, in_words(self._window))
+            raise wrong(line, must, window_in_words(self._window))
         stage = ReplayedStage(line, self.display.refresh_hz)
         made: list[Attempt] = []
 

@@ -157,7 +157,7 @@ def _pixels(png: bytes) -> PixelBytes | None:
 
 
 def _each(code: Callable[[T], bytes], given: Sequence[T]) -> list[bytes]:
-    """Return what is coded, on all processors: Pillow's coders let other threads run."""
+    """Return the coded pieces, made on all processors: Pillow's coders let other threads run."""
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         return list(threads.map(code, given))
 

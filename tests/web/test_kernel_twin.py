@@ -13,7 +13,7 @@ from timelines import OBSERVED, TIMELINES
 from web_kernel import Kernel, running_kernel
 
 from protocols.browser.web_study import adaptive_column, web_design
-from protocols.browser.window import shows_all
+from protocols.browser.browser_window import shows_all
 from protocols.disk.hashing import sha256_json
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest

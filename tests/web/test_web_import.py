@@ -32,7 +32,7 @@ def of(case):
 
 @pytest.fixture(scope="module")
 def sent(kernel, of):
-    """What two participants sent."""
+    """Return the lines of two participants."""
     return of.session(kernel)["results"], of.session(kernel, "W-2", slot=1, luck=2)["results"]
 
 

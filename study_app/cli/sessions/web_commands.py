@@ -168,7 +168,7 @@ def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) 
 
 
 def shared_lines(build: WebBuild, needs: BrowserNeeds) -> Iterator[str]:
-    """Yield what a share of the scenes does to the decisions of a study, where it has one."""
+    """Yield the effect of a share of the scenes on the decisions of a study, where it has one."""
     from protocols.plan import planned_trials, rounds, scenes_at, windows
 
     count = windows(build.shown)
@@ -205,7 +205,8 @@ def needs_lines(build: WebBuild, needs: BrowserNeeds) -> Iterator[str]:
     yield (
         f"per participant: {about}{needs.fetched_bytes / MB:.1f} MB ({seconds:.0f} s at 20 Mbit/s),"
         f" {needs.decoded_bytes / MB:.0f} MB in memory, {needs.duration_s / 60:.0f} min"
-        + "; an estimate: the export says what the stimuli take" * needs.estimated
+        + "; an estimate: the export says what the stimuli take"
+        * needs.estimated
     )
     yield from shared_lines(build, needs)
     web = build.study.web

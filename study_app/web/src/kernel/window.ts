@@ -1,4 +1,4 @@
-/** The part of a study that a window shows, as `protocols/browser/window.py` defines it. */
+/** The part of a study that a window shows, as `protocols/browser/browser_window.py` defines it. */
 import type { BrowserWindow } from "./formats";
 
 /** True if a window shows so many pixels of a study, each as large as its scale says. */

@@ -19,7 +19,7 @@ const PART_BYTES = 2 ** 20;
 
 /** Longest time without a byte, after which a request is sent anew. */
 const SILENT_MS = 60_000;
-/** What a server says that has too much to do, among the answers that asking again does not change. */
+/** Answers of a server that has too much to do, among the answers that asking again does not change. */
 const BUSY = [408, 425, 429];
 
 /** Fetch a file, or what an HTTP range of it gives; for minutes, where the line is down. */

@@ -40,7 +40,7 @@ export class View {
     }
   }
 
-  /** What changed since the last look, by what is cheap to compare at each flip. */
+  /** Change since the last look, by what is cheap to compare at each flip. */
   changed(): Disturbance | null {
     const now = glance();
     if (this.seen.full && !now.full) return "full-screen";
@@ -57,7 +57,7 @@ export class View {
     return { window_px, device_pixel_ratio: ratio, scale: this.scale, full_screen: full };
   }
 
-  /** What is wrong with a window, in words. */
+  /** Lack of a window, in words. */
   private lackOf(now: BrowserWindow): string | null {
     const { study, words } = this;
     if (this.seen.zoom !== 1) return words.zoomed;

@@ -7,7 +7,7 @@ from protocols.script import Frames, PixelSize, TrialScript
 
 
 def shows_all(window: BrowserWindow, need_px: PixelSize) -> bool:
-    """Return whether a window shows so many pixels of a study, each as large as its scale says."""
+    """Return True if a window shows so many pixels of a study, each as large as its scale says."""
     seen = zip(window.window_px, need_px, strict=True)
     return all(has_px >= window.scale * of_px for has_px, of_px in seen)
 
@@ -26,7 +26,7 @@ def stimuli_px(script: TrialScript) -> PixelSize:
     return 2 * reach_x, 2 * reach_y
 
 
-def in_words(window: BrowserWindow) -> str:
+def window_in_words(window: BrowserWindow) -> str:
     """Return size, ratio, scale and full screen of a window."""
     width, height = window.window_px
     full = "in full screen" if window.full_screen else "not in full screen"
