@@ -26,7 +26,10 @@ def given(tmp_path, rng):
     flow_px = np.zeros((HEIGHT, WIDTH, 2), np.float32)
     flow_px[12:60, 24:72, 0] = -10.0
     save_warp_input(tmp_path / "frame.exr", WarpInput(SourceFrame(colour, depth_m), flow_px))
-    save_colour(tmp_path / "truth.png", rng.uniform(0, 1, colour.shape).astype(np.float32))
+    truth = colour.copy()
+    truth[12:60, 14:62] = colour[12:60, 24:72]
+    truth[12:60, 62:72] = rng.uniform(0, 1, (48, 10, 3))
+    save_colour(tmp_path / "truth.png", truth)
     return tmp_path
 
 

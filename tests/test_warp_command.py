@@ -45,9 +45,11 @@ def exr(tmp_path, frame):
 
 @pytest.fixture
 def stereo(tmp_path, frame):
-    """The same scene as a pair with integer disparity; the right view is made up."""
+    """The same scene as a pair with integer disparity; the holes of the right view are made up."""
     save_colour(tmp_path / "left.png", frame.source.colour)
-    save_colour(tmp_path / "right.png", frame.source.colour[:, ::-1].copy())
+    right = np.roll(frame.source.colour, -2, axis=1)
+    right[12:36, 16:40] = frame.source.colour[12:36, 24:48]
+    save_colour(tmp_path / "right.png", right)
     disparity = np.where(frame.source.depth_m == 2.0, 32, 8).astype(np.uint8)
     write_pixels(tmp_path / "disparity.png", disparity[..., None], "Y")
     return tmp_path

@@ -39,7 +39,9 @@ def scene(tmp_path, rng):
     write_pixels(tmp_path / "picture.png", colour, "RGB")
     write_pixels(tmp_path / "depth.png", depth[..., None], "Y")
     write_flo(tmp_path / "motion.flo", flow)
-    save_colour(tmp_path / "truth.png", np.float32(colour[:, ::-1] / 255))
+    truth = np.roll(colour, -4, axis=1)
+    truth[12:36, 16:40] = colour[12:36, 24:48]
+    save_colour(tmp_path / "truth.png", np.float32(truth / 255))
     return tmp_path
 
 
@@ -233,9 +235,12 @@ def test_the_next_frame_of_a_render_is_the_truth_of_this_one(tmp_path, rng):
     planes |= {f"ViewLayer.Vector.{c}": np.zeros((32, 48), np.float32) for c in "XYZW"}
     planes["ViewLayer.Depth.Z"][8:24, 8:24] = 1.0
     planes["ViewLayer.Vector.Z"][8:24, 8:24] = -6.0  # to the right
-    for name in "ab":
+    moved = {key: plane.copy() for key, plane in planes.items()}
+    for key in ("ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B"):
+        moved[key][8:24, 14:30] = planes[key][8:24, 8:24]
+    for name, held in (("a", planes), ("b", moved)):
         write_pixels(
-            tmp_path / f"{name}.exr", np.stack(list(planes.values()), -1), tuple(planes),
+            tmp_path / f"{name}.exr", np.stack(list(held.values()), -1), tuple(held),
             types=("float",) * len(planes),
         )  # fmt: skip
     _, said, _ = run(tmp_path / "a.exr", tmp_path / "o.png", "--truth", tmp_path / "b.exr")

@@ -288,6 +288,17 @@ def _moved(
     pose: Floats,
     target_pose: Floats,
 ) -> WarpInput:
+    flow_px, target_depth_m = motion_between(depth_m, intrinsics_px, pose, target_pose)
+    return WarpInput(SourceFrame(colour, depth_m), flow_px, target_depth_m)
+
+
+def motion_between(
+    depth_m: NDArray[np.float32],
+    intrinsics_px: tuple[float, float, float, float],
+    pose: Floats,
+    target_pose: Floats,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return flow and target depth between two poses; see `from_depth` and `flow_between`."""
     height, width = depth_m.shape
     fx_px, fy_px, cx_px, cy_px = intrinsics_px
     cameras = [
@@ -295,8 +306,7 @@ def _moved(
         Camera(width, height, fx_px, fy_px, cx_px + 0.5, cy_px + 0.5, matrix)
         for matrix in (pose, target_pose)
     ]
-    flow_px, target_depth_m = flow_between(cameras[0], cameras[1], depth_m)
-    return WarpInput(SourceFrame(colour, depth_m), flow_px, target_depth_m)
+    return flow_between(cameras[0], cameras[1], depth_m)
 
 
 def read_pose(text: str) -> Floats:

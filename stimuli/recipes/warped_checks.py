@@ -22,7 +22,8 @@ from stimuli.batch.build_plan import BuildPlan
 from stimuli.rendering.open_scene import open_world
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.photo import is_built_in, read_pair
-from stimuli.scenes.sequence import too_small
+from stimuli.scenes.sequence import SequenceScenery, too_small
+from stimuli.scenes.truth_check import TruthVerdict
 
 
 @dataclass(frozen=True)
@@ -137,9 +138,13 @@ def _pair(found: SceneFindings, place: str, plan: BuildPlan, scene: StereoScene)
         return
     pair = read_pair(scene, plan.folder)
     verdict = judge_pair(pair, units_per_px=scene.units_per_px)
+    _tell(found, place, f"{scene.left}, {scene.right}, {scene.disparity}", verdict)
+
+
+def _tell(found: SceneFindings, place: str, files: str, verdict: TruthVerdict) -> None:
     if verdict.doubtful:
-        said = f"{scene.left}, {scene.right}, {scene.disparity}: {verdict}"
-        (found.wrong if verdict.refused else found.doubtful).append(Problem(place, said))
+        problem = Problem(place, f"{files}: {verdict}")
+        (found.wrong if verdict.refused else found.doubtful).append(problem)
 
 
 def _sequence(found: SceneFindings, place: str, plan: BuildPlan, scene: ExrScene) -> None:
@@ -158,6 +163,10 @@ def _sequence(found: SceneFindings, place: str, plan: BuildPlan, scene: ExrScene
         have < shown for have, shown in zip(size_px, plan.render_px, strict=True)
     ):
         found.wrong.append(Problem(f"{place}.file", too_small(size_px, plan.render_px)))
+    scenery, last = SequenceScenery(scene, files), min(wanted, len(files)) - 2
+    for frame in sorted({0, last // 2, last} if last >= 0 else ()):
+        names = f"{files[frame].name}, {files[frame + 1].name}"
+        _tell(found, place, names, scenery.judged(frame))
     sizes = [size.name for size in plan.study.warped.sizes if not size.is_own]
     if sizes:
         alike = f"; {' and '.join(sizes)} show the same clip" if len(sizes) > 1 else ""

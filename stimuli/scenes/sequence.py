@@ -31,11 +31,13 @@ from pipeline.pictures.colour_file import Transfer, check_finite_light, stored_t
 from pipeline.pictures.decode import read_parts
 from pipeline.pictures.depth_and_flow import along_axis, centred, check_depth_unit
 from pipeline.pictures.stored_frames import sequence_files
+from pipeline.pictures.warp_input import WarpInput
 from pipeline.warp.speckle import mends, taken
 from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
 from stimuli.rendering.paths import Pose
 from stimuli.rendering.scenery import Scenery, near_depth_m
 from stimuli.scenes.photo import PhotoScenery
+from stimuli.scenes.truth_check import TruthVerdict, flow_readings, judge_truth
 
 DEPTH_TOLERANCE = 0.1
 """Largest difference of a surface from frame to frame, as a share of its nearness."""
@@ -185,6 +187,14 @@ class SequenceScenery(Scenery):
         inside = self._inside(first.size, size_px, margin_px)
         flow, depth_m = (self._mended(plane, first.depth_m) for plane in (flow, first.depth_m))
         return _cut(flow, inside), _cut(depth_m, inside)
+
+    def judged(self, frame: int) -> TruthVerdict:
+        """Compare a file, moved by its motion, with the next one."""
+        here, there = (self._picture(number).frame for number in (frame, frame + 1))
+        flow = followed(frame, frame + 1, lambda step: self._picture(step).frame, self._motion)
+        scale = self._scene.motion_scale
+        readings = flow_readings(f"motion_scale = {-scale:g}", f"motion_scale = {scale:g} * {{:g}}")
+        return judge_truth(WarpInput(here, flow), there.colour, readings)
 
     def own_margin_px(self, size_px: tuple[int, int]) -> int:
         """Return the margin of the first file around the clip, on its narrowest side."""

@@ -168,3 +168,21 @@ def test_pixels_and_degrees_are_told_in_a_preregistration_and_keep_old_hashes(st
     plain = Clips(width_deg=8.0, height_deg=6.0, fps=10.0, duration_s=1.0).model_dump()
     assert "width_px" not in plain
     assert "height_px" not in plain
+
+
+@pytest.mark.parametrize(
+    ("scale", "said"),
+    [
+        ("-1", "the flow leads the other way: motion_scale = 1"),
+        ("0.125", "motion_scale = 0.125 * 8"),
+    ],
+)
+def test_frames_that_do_not_follow_the_motion_are_refused_before_anything_is_built(
+    study, tmp_path, scale, said
+):
+    path, _ = study(('transfer = "linear"', f'transfer = "linear"\nmotion_scale = {scale}'))
+    for words in (("protocol", "check", path), ("stimuli", "build", path, "--out", tmp_path / "c")):
+        _, _, error = run(*words, status=2)
+        assert "stimuli.scenes[0]: s.0000.exr, s.0001.exr: outside the holes the warp must" in error
+        assert said in error
+    assert not (tmp_path / "c").exists()

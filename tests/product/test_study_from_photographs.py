@@ -38,11 +38,14 @@ def frames(folder: Path, count: int, names: tuple[str, ...] = BLENDER) -> None:
     rng = np.random.default_rng(4)
     folder.mkdir()
     wall = rng.uniform(0.1, 0.9, (48, 64, 3)).astype(np.float32)
+    square = rng.uniform(0.1, 0.45, (24, 12, 3)).astype(np.float32)
     for number in range(count):
         inside = np.zeros((48, 64, 1), np.float32)
         inside[12:36, 12 + 4 * number : 24 + 4 * number] = 1
         vector = np.concatenate([-4 * inside, 0 * inside, -4 * inside, 0 * inside], -1)
-        planes = np.concatenate([wall * (1 - 0.5 * inside), 4 - 2 * inside, vector], -1)
+        colour = wall.copy()
+        colour[inside[..., 0] > 0] = square[:, : int(inside[20].sum())].reshape(-1, 3)
+        planes = np.concatenate([colour, 4 - 2 * inside, vector], -1)
         write_pixels(
             folder / f"shot_{number + 1:04d}.exr",
             planes[..., : len(names)], names, types=("float",) * len(names),

@@ -22,12 +22,22 @@ from pipeline.pictures.warp_input import (
     from_flow,
     from_the_side,
     load_warp_input,
+    motion_between,
     read_pose,
 )
 from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
+from stimuli.scenes.truth_check import (
+    Readings,
+    TruthVerdict,
+    flow_readings,
+    judge_truth,
+    no_readings,
+    pose_readings,
+    sideways_readings,
+)
 from stimuli.score.pair import read_colour, read_hole_mask
 from study_app.cli.options import one_of
 from study_app.cli.pictures.warp_options import (
@@ -60,6 +70,10 @@ class LoadedSource:
     truth: NDArray[np.float32] | None
     hole: NDArray[np.bool_] | None = None
     """Pixels to fill besides those that the warp uncovers."""
+    readings: Readings = no_readings
+    """What else the files may mean, if the warp does not show what the true view shows."""
+    words: str | None = None
+    """How far pixels move, and what would make it wrong; for whoever has no true view."""
 
 
 def load(source: str, given: SourceOptions) -> LoadedSource:
@@ -100,9 +114,14 @@ def load(source: str, given: SourceOptions) -> LoadedSource:
     else:
         loaded = _load_masked(Path(source), file, mask)
     if truth is None:
+        if loaded.words is not None:
+            say(loaded.words)
         return loaded
     shown = _load_colour(truth, file)
     check_file_size(truth, shown, source, loaded.frame.source.colour)
+    known = None if loaded.hole is None else ~loaded.hole
+    verdict = judge_truth(loaded.frame, shown, loaded.readings, known)
+    _obey(verdict, f"{truth}: {verdict}", "--truth")
     return replace(loaded, truth=shown)
 
 
@@ -144,7 +163,7 @@ def _load(
             )
         if file != FileOptions():
             raise StudyError(_FILE_ONLY)
-        return LoadedSource(_load_picture(path, picture), PAIR_WARP, None)
+        return _load_picture(path, picture)
     if path.suffix.lower() == ".exr" and pair.disparity is None:
         if pair != PairOptions():
             raise StudyError(
@@ -154,7 +173,8 @@ def _load(
         transfer = Transfer.ENCODED if file.encoded else None
         names = _channels(file.channels)
         frame = load_warp_input(path, channels=names, transfer=transfer, clip=file.clip)
-        return LoadedSource(frame, WarpSettings(), None)
+        readings = flow_readings("name the frame that the motion leads to, or turn its signs")
+        return LoadedSource(frame, WarpSettings(), None, readings=readings)
     if file != FileOptions():
         raise StudyError(_FILE_ONLY)
     loaded = _load_pair(source, pair)
@@ -163,7 +183,7 @@ def _load(
     return LoadedSource(loaded.warp_input(pair.amount), PAIR_WARP, truth)
 
 
-def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
+def _load_picture(path: Path, options: PictureOptions) -> LoadedSource:
     moved = (options.camera, options.pose, options.target_pose)
     told: _DepthFile = {
         "depth_scale": options.depth_scale,
@@ -177,14 +197,25 @@ def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
                 " go with it"
             )
         nearer = one_of("--nearer", options.nearer, NEARER)
-        return from_flow(path, options.flow, options.depth, nearer=nearer, **told)
+        frame = from_flow(path, options.flow, options.depth, nearer=nearer, **told)
+        readings = flow_readings(
+            "give the one from the picture to the true view, or turn its signs"
+        )
+        fast_px = float(np.percentile(np.linalg.norm(frame.flow_px, axis=-1), 95))
+        still = f"nothing moves by a pixel in {options.flow}: is it in pixels, and not in shares?"
+        words = still if fast_px < 1 else None
+        return LoadedSource(frame, PAIR_WARP, None, readings=readings, words=words)
     if options.depth is not None and moved == (None, None, None):
         share = DEFAULT_PARALLAX if options.parallax is None else options.parallax
-        say(
+        words = (
             f"the camera moves sideways until what is near moves by {100 * abs(share):g} % of the"
-            " width (--parallax; or give --camera and poses)"
+            f" width (--parallax; or give --camera and poses){_nearer(options)}"
         )
-        return from_the_side(path, options.depth, share, **told)
+        frame, readings = (
+            from_the_side(path, options.depth, share, **told),
+            sideways_readings(share),
+        )
+        return LoadedSource(frame, PAIR_WARP, None, readings=readings, words=words)
     if options.depth is None or options.camera is None or options.target_pose is None:
         raise StudyError(
             "a picture needs --flow FILE or --depth FILE. With --depth alone the camera moves"
@@ -193,15 +224,31 @@ def _load_picture(path: Path, options: PictureOptions) -> WarpInput:
         )
     if options.parallax is not None:
         raise StudyError("--parallax replaces --camera and poses: give one or the other")
-    pose = np.eye(4) if options.pose is None else read_pose(options.pose)
-    return from_depth(
-        path,
-        options.depth,
-        intrinsics_px=_intrinsics(options.camera),
-        pose=pose,
-        target_pose=read_pose(options.target_pose),
-        **told,
+    poses = (
+        np.eye(4) if options.pose is None else read_pose(options.pose),
+        read_pose(options.target_pose),
     )
+    lens = _intrinsics(options.camera)
+    frame = from_depth(
+        path, options.depth, intrinsics_px=lens, pose=poses[0], target_pose=poses[1], **told
+    )
+    depth_m = frame.source.depth_m
+    far = motion_between(np.full_like(depth_m, np.inf), lens, *poses)[0]
+    near_px = float(np.percentile(np.linalg.norm(frame.flow_px - far, axis=-1), 95))
+    words = f"what is near moves by {near_px:.2g} px against what is far{_nearer(options)}"
+    if near_px < 1:
+        words += "; that is less than a pixel: are depth (--depth-scale) and poses in metres?"
+    readings = pose_readings(
+        depth_m, lens, poses, depth_scale=options.depth_scale, depth_is=options.depth_is
+    )
+    return LoadedSource(frame, PAIR_WARP, None, readings=readings, words=words)
+
+
+def _nearer(options: PictureOptions) -> str:
+    """Say which numbers are near, and the option that turns it round."""
+    inverse = options.depth_is == "inverse"
+    near, other = ("large", "distance") if inverse else ("small", "inverse")
+    return f"; {near} numbers in {options.depth} are near (if not: --depth-is {other})"
 
 
 def _intrinsics(text: str) -> tuple[float, float, float, float]:
@@ -259,12 +306,15 @@ def _check_pair(pair: StereoPair, options: PairOptions) -> None:
     said = str(verdict).replace("units_per_px = ", "--units-per-px ")
     if verdict.wide is not None:
         raise StudyError(f"{options.disparity}: {said}")
+    _obey(verdict, f"{options.right}: {said}", "--right")
+
+
+def _obey(verdict: TruthVerdict, said: str, option: str) -> None:
+    """Refuse files that do not belong together, and say what to look at."""
     if verdict.refused:
-        raise StudyError(
-            f"{options.right}: {said}; without --right the picture is warped unmeasured"
-        )
+        raise StudyError(f"{said}; without {option} the picture is warped unmeasured")
     if verdict.doubtful:
-        say(f"note: {options.right}: {said}")
+        say(f"note: {said}")
 
 
 def _channels(settings: Iterable[str] | None) -> Channels:
