@@ -181,7 +181,7 @@ def judge_truth(
 
 
 class _Look:
-    """What the true view shows where a reading moves the pixels that are asked."""
+    """View of the truth where a reading moves the pixels that are asked."""
 
     def __init__(
         self, picture: NDArray[np.float32], truth: NDArray[np.float32], step: int, reading: Reading
@@ -252,7 +252,7 @@ def _votes(one: Floats, other: Floats, asked: NDArray[np.bool_]) -> float:
 
 
 def flow_readings(backward: str, scaled: str = "multiply it by {:g}") -> Readings:
-    """Return what else a flow may mean.
+    """Return other readings of a flow.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def pose_readings(
     depth_scale: float = 1.0,
     depth_is: str = "distance",
 ) -> Readings:
-    """Return what else depth and two poses may mean; parameters as `from_depth` has them."""
+    """Return other readings of depth and two poses; parameters as `from_depth` has them."""
 
     def readings(step: int, flow_px: Floats) -> Iterator[Reading]:
         small = np.ascontiguousarray(depth_m[::step, ::step])
@@ -346,7 +346,7 @@ def _turned(poses: tuple[Floats, Floats]) -> Iterator[tuple[str, tuple[Floats, F
 
 
 def sideways_readings(share: float) -> Readings:
-    """Return what else a depth without poses may mean, whose camera moves by a parallax."""
+    """Return other readings of a depth without poses, whose camera moves by a parallax."""
 
     def readings(step: int, flow_px: Floats) -> Iterator[Reading]:
         del step

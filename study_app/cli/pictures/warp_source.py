@@ -71,9 +71,9 @@ class LoadedSource:
     hole: NDArray[np.bool_] | None = None
     """Pixels to fill besides those that the warp uncovers."""
     readings: Readings = no_readings
-    """What else the files may mean, if the warp does not show what the true view shows."""
+    """Other readings of the files, if the warp does not show what the true view shows."""
     words: str | None = None
-    """How far pixels move, and what would make it wrong; for whoever has no true view."""
+    """Line on how far pixels move, and what would make it wrong; for whoever has no true view."""
 
 
 def load(source: str, given: SourceOptions) -> LoadedSource:
@@ -245,7 +245,7 @@ def _load_picture(path: Path, options: PictureOptions) -> LoadedSource:
 
 
 def _nearer(options: PictureOptions) -> str:
-    """Say which numbers are near, and the option that turns it round."""
+    """Return the words on what is near, and the option that turns it round."""
     inverse = options.depth_is == "inverse"
     near, other = ("large", "distance") if inverse else ("small", "inverse")
     return f"; {near} numbers in {options.depth} are near (if not: --depth-is {other})"
