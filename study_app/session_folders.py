@@ -30,6 +30,7 @@ from protocols.journal_file import (
     read_journal,
     sealed,
 )
+from protocols.manifest import MANIFEST_NAME, read_manifest
 from protocols.study_file.schema import StudyProtocol
 from protocols.units import DEVICE, ParticipantCode, form_of
 from study_app.recorder import journal_held
@@ -144,18 +145,43 @@ def require_portable(folder: Path) -> None:
 
 
 def require_unused(folder: Path) -> None:
-    """Refuse a participant's folder that holds a session.
+    """Refuse a participant's folder that holds a session, or lies in a batch of clips.
 
     Raises
     ------
     StudyError
         If it does.
     """
+    require_no_batch(folder)
     if folder.exists() and not is_stillborn(folder):
         raise StudyError(
             f"participant: a code is used once (got {folder.name!r}, which has"
             f" {folder}); choose another code, or continue with 'metamerlab session resume'"
         )
+
+
+def require_no_batch(folder: Path) -> None:
+    """Refuse a folder for sessions that is a batch of clips, or lies in one.
+
+    Raises
+    ------
+    StudyError
+        Naming the batch: it would be no batch any more, and its next build would be refused.
+    """
+    place = folder.resolve()
+    for above in (place, *place.parents):
+        if (above / MANIFEST_NAME).is_file() and _is_batch(above):
+            raise StudyError(
+                f"{folder}: must not lie in a batch of clips (this is one: {above}); name another"
+                " folder for sessions"
+            )
+
+
+def _is_batch(folder: Path) -> bool:
+    try:
+        return bool(read_manifest(folder))
+    except StudyError:  # another program's
+        return False
 
 
 def is_stillborn(folder: Path) -> bool:

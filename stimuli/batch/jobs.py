@@ -65,6 +65,8 @@ def start_worker(threads_per_worker: int, parent: int) -> None:
     if os.getppid() != parent:  # the parent was gone before the line above
         os._exit(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform != "win32":  # a terminal that closes tells all, and the parent ends them
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     os.environ.setdefault("LP_NUM_THREADS", str(threads_per_worker))
     print_notes(lambda line: print(line, file=sys.stderr))
 

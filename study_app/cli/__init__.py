@@ -8,9 +8,12 @@ add one line to `SLOTS`.
 from __future__ import annotations
 
 import importlib
+import re
+import signal
 import sys
 from dataclasses import dataclass
 from io import TextIOWrapper
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
@@ -125,11 +128,15 @@ _OLD_SPELLINGS: dict[tuple[str, ...], dict[str, str]] = {
 """Earlier names of options by command, before one thing had one name; no help shows them."""
 
 
+_HOME = re.compile(r"(?:^|(?<=[=:,]))~(?=[/\\]|$)")
+"""The home folder where a path begins; shells leave the one of ``--out=~/x`` to us."""
+
+
 class _FrontDoor(LazyGroup):
     slots = SLOTS
 
     def parse_args(self, ctx: Context, args: list[str]) -> list[str]:
-        """Read old spellings as those of today, and refuse what was removed."""
+        """Read old spellings as those of today and ``~`` as the home; refuse what was removed."""
         from protocols.gone import gone_from_command
 
         completing(self)
@@ -140,6 +147,7 @@ class _FrontDoor(LazyGroup):
             if tuple(args[: len(command)]) == command:
                 parts = [arg.partition("=") for arg in args]
                 args = [today.get(name, name) + sign + value for name, sign, value in parts]
+        args = [_HOME.sub(lambda _: str(Path.home()), arg) for arg in args]
         return super().parse_args(ctx, args)
 
 
@@ -181,8 +189,21 @@ def metamerlab(
         check_limits_variable()
 
 
+_ENDINGS = {getattr(signal, name, signal.SIGTERM) for name in ("SIGTERM", "SIGHUP", "SIGBREAK")}
+
+
+def _stop(_number: int, _frame: object) -> None:
+    """Stop a command as Ctrl-C does; a terminal that closes sends more than one signal."""
+    for number in _ENDINGS:
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
 def main() -> None:
     """Run the command line given in `sys.argv`; the console script `metamerlab`."""
+    for number in _ENDINGS:
+        if signal.getsignal(number) == signal.SIG_DFL:  # under nohup, a terminal may close
+            signal.signal(number, _stop)
     for stream in (sys.stdout, sys.stderr):  # a console of Windows may know 256 characters
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

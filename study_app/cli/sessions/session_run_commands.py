@@ -30,7 +30,7 @@ from study_app.cli.sessions.record_commands import (
 from study_app.cli.terminal import PlainConsole, say
 from study_app.desktop.strip import FlipMarks
 from study_app.operator_view import attempt_line
-from study_app.session_folders import SessionFolder, require_decisions
+from study_app.session_folders import SessionFolder, require_decisions, require_no_batch
 
 if TYPE_CHECKING:  # what opens a window is imported when a command runs
     from study_app.conduct import RunOutcome
@@ -165,6 +165,7 @@ def check_display_(
     from study_app.desktop.window import Window
     from study_app.recorder import utc_now
 
+    require_no_batch(out)
     described = load_display(display)
     with Window(described, pacing="software" if software_pacing else "vsync") as window:
         # No progress bar: its thread would disturb what is measured.

@@ -21,6 +21,7 @@ from protocols.manifest import Manifest, read_manifest
 from protocols.study_file.schema import StudyProtocol
 from study_app.cli.options import DisplayOption, NewFolderOption, ProtocolArgument
 from study_app.cli.terminal import PlainConsole, say, say_notes
+from study_app.session_folders import require_no_batch
 
 if TYPE_CHECKING:  # pictures and fonts load where a study is looked at
     from study_app.web.export import BrowserNeeds, WebBuild
@@ -117,6 +118,7 @@ def import_web(
     from study_app.web.import_lines import import_results
     from study_app.web.read_results import read_web_results
 
+    require_no_batch(sessions)
     study, screen = load_study(protocol, display, recorded=True)
     manifest = read_manifest(stimuli)
     inbox = read_web_results(results)
