@@ -3,11 +3,13 @@
 import re
 from collections.abc import Sequence
 
+import numpy as np
 import pandas as pd
 
 from analysis.tables.words import NO, YES, among
 from protocols.columns import Column
 from protocols.errors import StudyError
+from protocols.plausible_numbers import MIXED, RANGES, SINGLE, grouped, shifted
 
 UNITS: dict[str, dict[str, float]] = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
@@ -26,8 +28,6 @@ _SAME = {
     **dict.fromkeys(("degrees", "degree", "dva"), "deg"),
 }
 _WITH_UNIT = re.compile(r"([-+]?[\d.]+)\s*([a-zµμ]+|%)", re.IGNORECASE)
-LONGEST_S, SHORTEST_S = 60.0, 0.05
-"""Between them lies the median time of any answer that a person gives to what they see."""
 
 
 def unit_of(column: Column | None, name: str) -> str:
@@ -84,15 +84,59 @@ def impossible(name: str, base: str, values: pd.Series, people: pd.Series | None
             parts += [(f" of {who}", part) for who, part in known.groupby(people[known.index])]
         for whose, part in parts:
             median = float(part.median())
-            least = SHORTEST_S if name == "rt_s" else 0.0
-            if median > LONGEST_S or 0.0 < median < least:
+            shortest, longest = RANGES["median_rt_s"]
+            least = shortest if name == "rt_s" else 0.0
+            if median > longest or 0.0 < median < least:
                 return f"{name} must be in seconds (the median{whose} is {median:g} s)"
     most = float(known.abs().max())
-    if base == "deg" and most > 360:
+    if base == "deg" and most > RANGES["deg"][1]:
         return f"{name} must be in degrees of visual angle (the largest is {most:g})"
-    if base == "share" and most > 1:
+    if base == "share" and most > RANGES["share"][1]:
         return f"{name} must be shares from 0 to 1 (the largest is {most:g})"
     return ""
+
+
+def odd_one(
+    name: str, base: str, values: pd.Series, texts: pd.Series
+) -> tuple[int, str, str, bool] | None:
+    """Return the first number of a column that stands in another unit, or with a mark of thousands.
+
+    Parameters
+    ----------
+    values, texts : Series
+        Numbers in our unit, and the cells as the user's table has them.
+
+    Returns
+    -------
+    tuple of int, str, str and bool, or None
+        Its label, what must hold, the cure, and whether it is too large. None: there is none.
+    """
+    bare = texts.str.strip().str.replace(_WITH_UNIT, r"\1", regex=True)[values.notna()]
+    if (place := grouped(bare.to_list())) is not None:
+        at = bare.index[place]
+        cure = f"write {bare[at].replace('.', '')} for it, and the others so too"
+        return at, "must have no mark between thousands", cure, False
+    numbers = values.to_numpy(float)
+    off, factor = shifted(numbers, MIXED if base == "s" else SINGLE)
+    least, most = RANGES.get(name, (-np.inf, np.inf))
+    if not off.any():
+        off = (values < least).to_numpy() | (values > most).to_numpy()
+        factor = 0.0
+    if not off.any():
+        return None
+    at, others = values.index[off][0], values[~off & values.notna()]
+    large = factor < 1.0 and values[at] > least
+    count = f" in {int(off.sum())} rows" if off.sum() > 1 else ""
+    size = (
+        f", {max(factor, 1 / factor):,.0f} times too {'large' if large else 'small'}"
+        if factor
+        else ""
+    )
+    must = (
+        f"must be a number like the others, from {others.min():g} to {others.max():g} (it looks"
+        f" like one in another unit{size}{count})"
+    )
+    return at, must, "bring all to one unit", large
 
 
 def likely(base: str, values: pd.Series) -> Sequence[str]:

@@ -110,6 +110,8 @@ class Table:
         }
         self._mapping: dict[str, str] = {}
         self._filtered: set[str] = set()
+        self._bounded: set[tuple[str, str]] = set()
+        self._source = self.rows
         self._refuse_doubled(mapping or {})
         original = self.rows
         for ours, theirs in (mapping or {}).items():
@@ -340,6 +342,8 @@ class Table:
         if column not in self._filtered:
             self._refuse_codes(column, values, rare=rare)
         self._refuse_unit(column, values)
+        if not rare:
+            self._refuse_odd(column, values)
         return values
 
     def _numbers(self, column: str) -> pd.Series:
@@ -420,10 +424,10 @@ class Table:
         must = (
             f"{column} must be above 0 seconds and below a day (got {{}}); leave such rows out with"
         )
-        must = f"{must} {self.cure('--where')} '{column}>0'"
         raw = self.rows[column].map(lambda one: repr(shortened(one)))
-        wrong = (values <= 0) | (values >= DAY_S)
-        self.refuse(wrong, lambda at: must.format(raw[at]))
+        for wrong, kept in ((values <= 0, ">0"), (values >= DAY_S, f"<{DAY_S:g}")):
+            cure = f"{must} {self.cure('--where')} '{column}{kept}'"
+            self.refuse(wrong, lambda at, cure=cure: cure.format(raw[at]))
         if "participant" in self.rows:
             self._refuse_unit(column, values, self.rows["participant"].str.strip())
         return self.number(column)
@@ -472,6 +476,8 @@ class Table:
                 f"{' ...' * (len(some) > 8)}){did_you_mean(wanted, some)}"
             )
         self._filtered.add(name)
+        if wanted not in ("0", "none"):
+            self._bounded.add((name, sign[0]))
         if kept.all():
             self.notes.append(f"{option} leaves no row out")
         self.leave_out(~kept, f" by {option}")
@@ -540,6 +546,24 @@ class Table:
                 f" it out with {self.cure('--where')} '{column}!={code:g}', or, if it is meant, say"
                 f" --where '{column}{'<=' if code > most else '>='}{code:g}'"
             )
+
+    def _refuse_odd(self, column: str, values: pd.Series) -> None:
+        """Refuse one number that is in another unit than the others, unless a bound was given."""
+        base = column_units.unit_of(OURS.get(column), column)
+        texts = self._source[self.theirs(column)][values.index]
+        found = column_units.odd_one(column, base, values, texts)
+        if found is None:
+            return
+        at, must, cure, large = found
+        sign = "<" if large else ">"
+        if (column, sign) in self._bounded:
+            return
+        bound = values.max() if large else values.min()
+        raise StudyError(
+            f"{self.place(at)}: {column} {must} (got {shortened(texts[at])!r}); {cure}, or leave"
+            f" such rows out with {self.cure('--where')} '{column}!={values[at]:.12g}'; if it is"
+            f" meant, say --where '{column}{sign}={bound:.12g}'"
+        )
 
     def _refuse_unit(self, column: str, values: pd.Series, people: pd.Series | None = None) -> None:
         base = column_units.unit_of(OURS.get(column), column)

@@ -13,6 +13,7 @@ from protocols.display import Display
 from protocols.errors import Problem
 from protocols.feasibility import clip_size_px, session_duration_s
 from protocols.plan import arrival_shows
+from protocols.plausible_numbers import RANGES
 from protocols.recipes.warped_clips import StereoScene, WarpedClips
 from protocols.study_file.schema import StudyProtocol
 
@@ -34,17 +35,14 @@ LONGEST_S: Final = {
 """The longest times that are taken without a word."""
 LONGEST_CLIP_S: Final = 120
 LONGEST_SESSION_S: Final = 2 * 60 * 60
-DISTANCE_MM: Final = (250, 5000)
-PITCH_MM: Final = (0.04, 1.5)
 WIDEST_DEG: Final = 100
 SMALLEST_PX: Final = 32
-WIDEST_BASELINE_M: Final = 2
 
 
 def display_notes(display: Display) -> list[Problem]:
     """Return notes on possible mistakes in a display's measures."""
     found = []
-    low, high = DISTANCE_MM
+    low, high = RANGES["distance_mm"]
     if not low <= display.distance_mm <= high:
         meant = 10 * display.distance_mm if display.distance_mm < low else display.distance_mm / 10
         found.append(
@@ -54,7 +52,7 @@ def display_notes(display: Display) -> list[Problem]:
                 f" should it be {meant:g}?",
             )
         )
-    low_mm, high_mm = PITCH_MM
+    low_mm, high_mm = RANGES["pitch_mm"]
     if not low_mm <= display.pitch_x_mm <= high_mm:
         meant = 10 * display.width_mm if display.pitch_x_mm < low_mm else display.width_mm / 10
         found.append(
@@ -126,7 +124,7 @@ def _scenes(study: StudyProtocol) -> Iterator[Problem]:
     if not isinstance(study.stimuli, WarpedClips):
         return
     for index, scene in enumerate(study.stimuli.scenes):
-        if isinstance(scene, StereoScene) and scene.baseline_m > WIDEST_BASELINE_M:
+        if isinstance(scene, StereoScene) and scene.baseline_m > RANGES["baseline_m"][1]:
             yield Problem(
                 f"stimuli.scenes[{index}].baseline_m",
                 f"the cameras are {scene.baseline_m:g} m apart; metres are meant: should it be"

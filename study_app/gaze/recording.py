@@ -17,8 +17,11 @@ from protocols.disk.whole_file import decoded_text, read_bytes
 from protocols.errors import StudyError
 from protocols.limits import check_rows, gunzipped
 from protocols.outside import lines_of, reading
+from protocols.plausible_numbers import RANGES
 
 Eye = Literal["left", "right"]
+_STAMPS = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6, "t_ns": 1e-9}
+"""Columns of stamps, and how many seconds one is."""
 Box = tuple[float, float, float, float]
 """Coordinates of the left, top, right and bottom pixel."""
 
@@ -99,9 +102,10 @@ class Recording:
 def load_recording(path: Path, eye: Eye | None = None) -> Recording:
     """Read ``.asc`` or ``.csv``, also compressed (``.gz``).
 
-    A CSV needs columns ``t_s`` (or ``t_ms``), ``x_px`` and ``y_px``; an empty field or `nan`
-    is a lost eye. An ASC file with both eyes gives `eye`; left out, the left one, unless it was
-    lost far more often than the right one. Its coordinates are those that its header names.
+    A CSV needs columns ``t_s`` (or ``t_ms``, ``t_us``, ``t_ns``), ``x_px`` and ``y_px``; an empty
+    field or `nan` is a lost eye. An ASC file with both eyes gives `eye`; left out, the left one,
+    unless it was lost far more often than the right one. Its coordinates are those that its header
+    names.
 
     Raises
     ------
@@ -244,11 +248,12 @@ def _sense(first: float, last: float) -> float:
 def _read_csv(path: Path, text: str) -> Recording:
     reader = csv.reader(lines_of(text))
     names = next(reader, [])
-    unit = next((unit for unit in ("t_s", "t_ms") if unit in names), None)
+    unit = next((unit for unit in _STAMPS if unit in names), None)
     missing = [name for name in ("x_px", "y_px") if name not in names]
     if unit is None or missing:
         raise StudyError(
-            f"{path}: must have columns t_s (or t_ms), x_px and y_px (got {', '.join(names)})"
+            f"{path}: must have columns t_s (or t_ms, t_us, t_ns), x_px and y_px"
+            f" (got {', '.join(names)})"
         )
     places = [names.index(name) for name in (unit, "x_px", "y_px")]
     samples = array("d")
@@ -264,7 +269,7 @@ def _read_csv(path: Path, text: str) -> Recording:
             f"{path}: must hold at least two samples (got {len(samples) // len(places)})"
         )
     stamps, x, y = np.array(samples).reshape(-1, 3).T
-    t_s = (stamps - stamps[0]) * (1.0 if unit == "t_s" else 1e-3)
+    t_s = (stamps - stamps[0]) * _STAMPS[unit]
     _check_places(path, x, y)
     if not np.isfinite(t_s).all():
         line = int(np.argmin(np.isfinite(t_s))) + 2
@@ -275,7 +280,26 @@ def _read_csv(path: Path, text: str) -> Recording:
             f"{path}: line {line}: {unit} must not fall from line to line (got"
             f" {stamps[line - 2]:g} after {stamps[line - 3]:g}); sort the samples by time"
         )
-    return Recording(path, stamps, t_s, x, y, _median_rate(path, t_s), None, True, np.empty((0, 2)))
+    rate_hz = _median_rate(path, t_s)
+    _check_rate(path, unit, rate_hz)
+    return Recording(path, stamps, t_s, x, y, rate_hz, None, True, np.empty((0, 2)))
+
+
+def _check_rate(path: Path, unit: str, rate_hz: float) -> None:
+    """Refuse stamps in another unit than their column says: no tracker has such a rate."""
+    least, most = RANGES["tracker_hz"]
+    if least <= rate_hz <= most:
+        return
+    meant = [
+        f"{name} ({in_it_hz:.6g} Hz)"
+        for name, one in _STAMPS.items()
+        if least <= (in_it_hz := rate_hz * _STAMPS[unit] / one) <= most
+    ]
+    raise StudyError(
+        f"{path}: {unit} must give a tracker's rate, {least:g} to {most:g} Hz (got {rate_hz:.4g}"
+        f" Hz); if the stamps are in another unit, name the column"
+        f" {' or '.join(meant) or 'by it, t_s, t_ms, t_us or t_ns'}"
+    )
 
 
 def _check_places(path: Path, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:

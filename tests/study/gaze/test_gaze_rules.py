@@ -359,7 +359,7 @@ def test_gaze_written_by_a_session_is_read_back(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.csv", b"time,x,y\n1,2,3\n", "must have columns t_s .or t_ms., x_px and y_px"),
+        ("a.csv", b"time,x,y\n1,2,3\n", "must have columns t_s .or t_ms, .*, x_px and y_px"),
         ("a.csv", b"t_s,x_px,y_px\n1,a,3\n", "line 2: must hold numbers"),
         ("a.csv", b"t_s,x_px,y_px\n", "at least two samples .got 0."),
         ("a.csv", b"t_s,x_px,y_px\n2,1,1\n1,1,1\n", "line 3: t_s must not fall .* .got 1 after 2."),
@@ -376,3 +376,23 @@ def test_a_recording_that_is_none_is_told(tmp_path, name, content, message):
         load_recording(tmp_path / name)
     with pytest.raises(StudyError, match="no such file"):
         load_recording(Path(tmp_path / "none.csv"))
+
+
+@pytest.mark.parametrize(
+    ("said", "step", "right"),
+    [("t_s", 2, "t_ms"), ("t_s", 2000, "t_us"), ("t_s", 2_000_000, "t_ns"), ("t_ms", 0.002, "t_s"),
+     ("t_s", 16.667, "t_ms"), ("t_s", 0.5, "t_ms"), ("t_ms", 1000, "t_us")],
+)  # fmt: skip
+def test_stamps_in_another_unit_are_refused_and_the_named_column_reads_them(
+    tmp_path, said, step, right
+):
+    def write(unit):
+        path = tmp_path / f"{unit}.csv"
+        rows = [f"{k * step:.9g},{100 + k},50" for k in range(50)]
+        path.write_text("\n".join([f"{unit},x_px,y_px", *rows]) + "\n")
+        return path
+
+    with pytest.raises(StudyError, match=f"{said} must give a tracker's rate.*{right} ") as told:
+        load_recording(write(said))
+    assert "Hz" in str(told.value)
+    assert 3 <= load_recording(write(right)).rate_hz <= 20_000
