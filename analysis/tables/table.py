@@ -425,9 +425,10 @@ class Table:
             f"{column} must be above 0 seconds and below a day (got {{}}); leave such rows out with"
         )
         raw = self.rows[column].map(lambda one: repr(shortened(one)))
-        for wrong, kept in ((values <= 0, ">0"), (values >= DAY_S, f"<{DAY_S:g}")):
-            cure = f"{must} {self.cure('--where')} '{column}{kept}'"
-            self.refuse(wrong, lambda at, cure=cure: cure.format(raw[at]))
+        wrong = (values <= 0) | (values >= DAY_S)
+        kept = values.map(lambda one: f"<{DAY_S:g}" if one > 0 else ">0")
+        where = f"{self.cure('--where')} '{column}"
+        self.refuse(wrong, lambda at: f"{must.format(raw[at])} {where}{kept[at]}'")
         if "participant" in self.rows:
             self._refuse_unit(column, values, self.rows["participant"].str.strip())
         return self.number(column)
