@@ -1,5 +1,6 @@
 """`metamerlab warp` on what people have: `.flo`, RGB-D with poses, pairs from the right."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from pipeline.camera import UPRIGHT, Camera, flow_between
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame
 from pipeline.pictures.colour_file import load_colour, save_colour
-from pipeline.pictures.depth_and_flow import read_flo
+from pipeline.pictures.depth_and_flow import read_flow
 from pipeline.pictures.warp_input import (
     WarpInput,
     from_depth,
@@ -60,7 +61,7 @@ def test_a_flow_file_comes_back_as_it_was_written_with_unknown_motion_told(tmp_p
     flow[4, 6, 1] = np.nan
     write_flo(tmp_path / "a.flo", flow)
 
-    found, known = read_flo(tmp_path / "a.flo")
+    found, known = read_flow(tmp_path / "a.flo")
 
     np.testing.assert_array_equal(np.argwhere(~known), [[2, 3], [4, 6]])
     np.testing.assert_array_equal(found[known], flow[known])
@@ -83,11 +84,97 @@ def test_a_flow_file_comes_back_as_it_was_written_with_unknown_motion_told(tmp_p
 def test_what_is_no_flow_file_is_refused(tmp_path, data, said):
     (tmp_path / "bad.flo").write_bytes(data)
     with pytest.raises(InputError, match=said):
-        read_flo(tmp_path / "bad.flo")
+        read_flow(tmp_path / "bad.flo")
+
+
+def flow_written(path, flow):
+    """Write flow as networks and data sets do; the names are those of `ONCE_REFUSED`."""
+    height, width, _ = flow.shape
+    three = np.dstack([flow, np.zeros((height, width))])
+    match path.name:
+        case "upside-down.pfm":  # FlyingThings3D's, and the same with the bytes turned round
+            path.write_bytes(
+                f"PF\n{width} {height}\n-1.0\n".encode() + three[::-1].astype("<f4").tobytes()
+            )
+        case "other-order.pfm":
+            path.write_bytes(
+                f"PF\n{width} {height}\n1.0\n".encode() + three[::-1].astype(">f4").tobytes()
+            )
+        case "last.npy":
+            np.save(path, flow)
+        case "first.npy":
+            np.save(path, flow.transpose(2, 0, 1))
+        case "batch.npy":
+            np.save(path, flow.transpose(2, 0, 1)[None].astype(np.float64))
+        case "mask.npz":
+            np.savez(path, flow=flow, mask=np.ones((height, width), bool))
+        case "packed.npz":
+            np.savez_compressed(path, flow.astype(">f4").transpose(2, 0, 1))
+        case "kitti.png":
+            three[..., :2], three[..., 2] = flow * 64 + 32768, 1
+            three[0, 0] = 0
+            write_pixels(path, three.astype(np.uint16), "RGB")
+
+
+ONCE_REFUSED = (
+    *("upside-down.pfm", "other-order.pfm", "last.npy", "first.npy", "batch.npy", "mask.npz"),
+    *("packed.npz", "kitti.png"),
+)
+
+
+@pytest.mark.parametrize("name", ONCE_REFUSED)
+def test_flow_is_read_as_networks_and_data_sets_write_it(tmp_path, rng, name):
+    flow = np.rint(rng.uniform(-900, 900, (5, 7, 2))).astype(np.float32) / 64
+    flow_written(tmp_path / name, flow)
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        found, known = read_flow(tmp_path / name)
+    said = [str(one.message) for one in notes]
+    assert said == [f"{tmp_path / name}: flow is the motion; mask is not read"] * ("mask" in name)
+    if name == "kitti.png":  # where it says that nothing is known
+        assert not known[0, 0]
+        assert known.sum() == 34
+        flow[0, 0] = 0
+    else:
+        assert known.all()
+    np.testing.assert_array_equal(found, flow)
+
+
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("depth.npy", np.ones((5, 7), np.float32)),
+        ("colour.npy", np.ones((5, 7, 3), np.float32)),
+        ("both.npz", None),
+        ("grey.png", np.ones((5, 7, 1), np.uint16)),
+        ("picture.png", np.full((5, 7, 3), 200, np.uint8)),
+        ("colour.pfm", np.ones((5, 7, 3), np.float32)),
+        ("flow.flo5", None),
+    ],
+)
+def test_the_cure_of_what_is_no_flow_works(tmp_path, name, array):
+    """`numpy.save(file, flow)`, of floats of shape (H, W, 2)."""
+    path, flow = tmp_path / name, np.ones((5, 7, 2), np.float32)
+    if name == "both.npz":
+        np.savez(path, forward=flow, backward=-flow)
+    elif array is None:
+        path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))
+    elif path.suffix == ".npy":
+        np.save(path, array)
+    elif path.suffix == ".pfm":
+        path.write_bytes(b"PF\n7 5\n-1.0\n" + array.tobytes())
+    else:
+        write_pixels(path, array, "RGB" if array.shape[-1] == 3 else "Y")
+    with pytest.raises(
+        InputError, match=r"numpy\.save\(file, flow\), of floats of shape \(H, W, 2"
+    ):
+        read_flow(path)
+    np.save(tmp_path / "cured.npy", flow)
+    assert (read_flow(tmp_path / "cured.npy")[0] == 1).all()
 
 
 def test_unknown_motion_is_that_of_the_nearest_known_pixel(scene):
-    flow, _ = read_flo(scene / "motion.flo")
+    flow, _ = read_flow(scene / "motion.flo")
     flow[20, 23] = flow[2, 2] = 1e10  # beside the square, and in the wall
     write_flo(scene / "motion.flo", flow)
     found = from_flow(scene / "picture.png", scene / "motion.flo").flow_px
@@ -250,7 +337,7 @@ def test_the_next_frame_of_a_render_is_the_truth_of_this_one(tmp_path, rng):
 def test_a_truth_measures_a_file_inside_interior_holes_and_inside_all(scene, rng):
     """By hand: what enters at the right border is wrong here by far, and counts in all holes."""
     source = load_colour(scene / "picture.png")
-    flow, _ = read_flo(scene / "motion.flo")
+    flow, _ = read_flow(scene / "motion.flo")
     depth = np.where(flow[..., 0] == -8, 2, 4).astype(np.float32)
     save_warp_input(scene / "frame.exr", WarpInput(SourceFrame(source, depth), flow))
     run(scene / "frame.exr", scene / "out.png", "-m", "push-pull-depth", status=None)

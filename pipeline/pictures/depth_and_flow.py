@@ -5,19 +5,18 @@ integers, not finite in a file of floats, or what the file's own header names. O
 picture can have them: StereoSGBM's -1 (its -16 before it is divided by 16), a depth of 0. Where a
 number looks like a stand-in, but may be one, the person is asked.
 
-Files of flow are Middlebury's (`.flo`): four bytes that read "PIEH" (the float 202021.25), width
-and height as 32-bit integers, then two floats for each pixel, row by row: target minus source
-position, x to the right, y down, pixels. All little-endian. A component beyond 1e9 means that the
-motion is unknown (Baker et al. 2011, "A Database and Evaluation Methodology for Optical Flow").
+Flow is target minus source position, x to the right, y down, pixels. It is read from Middlebury's
+`.flo`: four bytes that read "PIEH" (the float 202021.25), width and height as 32-bit integers, then
+two floats for each pixel, row by row, all little-endian (Baker et al. 2011, "A Database and
+Evaluation Methodology for Optical Flow"); from PFM as FlyingThings3D has it; from `.npy` and `.npz`
+as networks write it; from KITTI's PNG. A component beyond 1e9, or NaN, is unknown motion.
 """
 
 from __future__ import annotations
 
-import math
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any, Final, Literal, get_args
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +26,15 @@ from pipeline.frame import AnyArray, Bools, Floats, check_depth
 from pipeline.pictures.channels import EMPTY_DEPTH, lone_plane
 from pipeline.pictures.decode import check_numbers, read_parts, read_pixels
 from pipeline.pictures.header import check_fits, count_pictures
-from pipeline.pictures.size_limits import check_need, check_values
-from protocols.outside import check_zip, reading
+from pipeline.pictures.numpy_file import (
+    FLOW_CURE,
+    FLOW_FILES,
+    NUMPY_FILES,
+    flow_array,
+    plane_array,
+)
+from pipeline.pictures.size_limits import check_values
+from protocols.errors import count_of
 
 DEPTH_UNIT = "metamerlab:depth_unit"
 
@@ -46,7 +52,6 @@ def check_depth_unit(path: Path, attributes: Mapping[str, Any], cure: str = "") 
         raise InputError(f"{path}: depth must be in metres (the header says {unit[:40]!r}){cure}")
 
 
-NUMPY_FILES: Final = (".npy", ".npz")
 DepthIs = Literal["distance", "inverse", "ray"]
 DEPTH_IS: Final[tuple[DepthIs, ...]] = get_args(DepthIs)
 Unknown = Sequence[float] | None
@@ -372,8 +377,7 @@ def _read(path: Path, scale: float = 0.0) -> tuple[AnyArray, float | None]:
     A `scale` of 1 is that of depth in metres.
     """
     if path.suffix.lower() in NUMPY_FILES:
-        with reading(path, "a numpy file of one array", InputError):
-            array = _load_array(path)
+        array = plane_array(path)
         check_byte_order(path, array)
         return array, None
     check_fits(path, "read")
@@ -409,54 +413,13 @@ def _read(path: Path, scale: float = 0.0) -> tuple[AnyArray, float | None]:
     )
 
 
-def _load_array(path: Path) -> AnyArray:
-    """Return the one array of a numpy file, after a look at the size that it states."""
-    if not zipfile.is_zipfile(path):
-        with path.open("rb") as file:
-            _check_array(path, file)
-            file.seek(0)
-            array = np.asarray(np.load(file, allow_pickle=False))
-    else:
-        with path.open("rb") as file:
-            check_zip(path, file, InputError)
-            with zipfile.ZipFile(file) as packed:
-                for name in packed.namelist():
-                    with packed.open(name) as member:
-                        _check_array(path, member)
-        with np.load(path, allow_pickle=False) as loaded:
-            keys = loaded.files
-            if len(keys) != 1:
-                raise InputError(f"{path}: must hold one array (holds {', '.join(keys) or 'none'})")
-            array = np.asarray(loaded[keys[0]])
-    if array.ndim == 3 and array.shape[-1] == 1:
-        array = array[..., 0]
-    if array.ndim != 2 or array.dtype.kind not in "fui":
-        raise InputError(
-            f"{path}: must hold numbers of shape (H, W) (has {array.dtype} of shape {array.shape})"
-        )
-    return array.astype(array.dtype.newbyteorder("="), copy=False)
-
-
-def _check_array(path: Path, file: IO[bytes]) -> None:
-    """Refuse an array by the size that it states."""
-    first = np.lib.format.read_magic(file) == (1, 0)
-    header = np.lib.format.read_array_header_1_0 if first else _later_header
-    shape = header(file)[0]
-    check_values(path, *shape)
-    check_need(path, "read", math.prod(shape), 1)
-
-
-def _later_header(file: Any) -> tuple[tuple[int, ...], bool, Any]:
-    return np.lib.format.read_array_header_2_0(file)
-
-
 MAGIC = np.float32(202021.25)
 UNKNOWN_PX = 1e9
 HEADER_BYTES = 12
 
 
-def read_flo(path: Path) -> tuple[NDArray[np.float32], Bools]:
-    """Read a file of flow.
+def read_flow(path: Path) -> tuple[NDArray[np.float32], Bools]:
+    """Read a file of flow: Middlebury's, PFM, numpy's, or KITTI's PNG.
 
     Returns
     -------
@@ -472,11 +435,44 @@ def read_flo(path: Path) -> tuple[NDArray[np.float32], Bools]:
         If it is not a whole file of flow, its numbers have the other byte order, or no motion is
         known.
     """
+    kind = path.suffix.lower()
+    if kind in NUMPY_FILES:
+        stored = flow_array(path)
+    else:
+        stored = _flow_of_picture(path) if kind in (".pfm", ".png") else _flow_of_flo(path)
+    check_byte_order(path, stored)
+    with np.errstate(invalid="ignore", over="ignore"):
+        flow = stored.astype(np.float32)
+        within = np.abs(flow) <= UNKNOWN_PX
+    known = within[..., 0] & within[..., 1]
+    if not known.any():
+        raise InputError(f"{path}: must know the motion of at least one pixel (knows none)")
+    return np.where(known[..., None], flow, 0).astype(np.float32), known
+
+
+def _flow_of_picture(path: Path) -> AnyArray:
+    """Motion in PFM of three channels, the last 0, or in 16 bits as KITTI's PNG has it."""
+    data = read_pixels(path, stretched=False).data
+    if data.dtype == np.uint16 and data.shape[-1] == 3 and data[..., 2].max() <= 1:
+        return np.where(data[..., 2:] == 1, (data[..., :2] - 32768.0) / 64, np.nan)
+    if data.dtype.kind == "f" and data.shape[-1] == 3 and not data[..., 2].any():
+        return data[..., :2]
+    wanted = "64 x motion + 32768 in 16 bits, and whether" if path.suffix.lower() == ".png" else "0"
+    raise InputError(
+        f"{path}: must hold motion in two channels, and {wanted} it is known, in a third one"
+        f" (has {data.dtype}, {count_of(data.shape[-1], 'channel')}); {FLOW_CURE}"
+    )
+
+
+def _flow_of_flo(path: Path) -> AnyArray:
     size = path.stat().st_size
     with path.open("rb") as file:
         data = file.read(HEADER_BYTES)
     if len(data) < HEADER_BYTES or np.frombuffer(data, "<f4", 1)[0] != MAGIC:
-        raise InputError(f"{path}: must be a Middlebury flow file (it does not begin with PIEH)")
+        raise InputError(
+            f"{path}: must be flow, {', '.join(FLOW_FILES)} (it does not begin with"
+            f" PIEH, as a .flo does); {FLOW_CURE}"
+        )
     width, height = (int(edge) for edge in np.frombuffer(data, "<i4", 2, offset=4))
     wanted = HEADER_BYTES + 8 * width * height
     if width < 1 or height < 1 or size != wanted:
@@ -485,13 +481,7 @@ def read_flo(path: Path) -> tuple[NDArray[np.float32], Bools]:
             f" (has {size}); is it cut off?"
         )
     check_values(path, width, height, 2)
-    flow = np.fromfile(path, "<f4", offset=HEADER_BYTES).reshape(height, width, 2)
-    check_byte_order(path, flow)
-    with np.errstate(invalid="ignore"):
-        known = (np.abs(flow) <= UNKNOWN_PX).all(axis=-1)
-    if not known.any():
-        raise InputError(f"{path}: must know the motion of at least one pixel (knows none)")
-    return np.where(known[..., None], flow, 0).astype(np.float32), known
+    return np.fromfile(path, "<f4", offset=HEADER_BYTES).reshape(height, width, 2)
 
 
 ASSUMED_FIELD_OF_VIEW = 1.0  # focal length over image width, where a pair does not say

@@ -47,7 +47,7 @@ from pipeline.pictures.depth_and_flow import (
     centred,
     check_depth_unit,
     load_depth,
-    read_flo,
+    read_flow,
 )
 from pipeline.pictures.write import write_pixels
 from protocols.errors import must_be_one_of
@@ -155,7 +155,7 @@ def from_flow(
     unknown: Unknown = None,
     nearer: Nearer = "fast",
 ) -> WarpInput:
-    """Read a picture and its motion (`.flo`) into the next one.
+    """Read a picture and its motion (see `read_flow`) into the next one.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def from_flow(
     if nearer not in NEARER:
         raise InputError(must_be_one_of("nearer", nearer, NEARER))
     colour = load_colour(picture)
-    flow_px, known = read_flo(flow)
+    flow_px, known = read_flow(flow)
     check_file_size(flow, flow_px, picture, colour)
     if not known.all():
         closest = ndimage.distance_transform_edt(

@@ -16,7 +16,8 @@ from pipeline.foveation.steady_gaze import SteadyGaze, carried
 from pipeline.frame import check_seed
 from pipeline.named_classes import Choice
 from pipeline.pictures.colour_file import PictureReading, check_drawable
-from pipeline.pictures.depth_and_flow import read_flo
+from pipeline.pictures.depth_and_flow import read_flow
+from pipeline.pictures.numpy_file import FLOW_FILES
 from protocols.errors import count_of
 from stimuli.foveate.condition_sheet import check_choices
 from stimuli.foveate.foveate_files import METAMER
@@ -37,9 +38,9 @@ class ClipSettings:
     Parameters
     ----------
     flow : Path, optional
-        A folder with a Middlebury file ``NAME.flo`` for every frame but the first: for each pixel
-        of *that* frame, where it is less where it was a frame ago. Noise and displacements then
-        go with the surfaces. Without it they lie on the screen.
+        A folder with a file of flow, such as ``NAME.flo``, for every frame but the first: for each
+        pixel of *that* frame, where it is less where it was a frame ago. Noise and displacements
+        then go with the surfaces. Without it they lie on the screen.
     track : Track, optional
         A gaze per frame, in place of the one for all. It holds while the eye is lost, and
         displacements follow it as `SteadyGaze` lets them.
@@ -165,7 +166,10 @@ def _motions(frames: Path, out: Path, paths: list[Path], flow: Path | None) -> l
         raise InputError(f"{out}: holds the frames themselves; write to another folder")
     if flow is None:
         return [None] * len(paths)
-    motions = [flow / f"{path.stem}.flo" for path in paths[1:]]
+    motions = []
+    for path in paths[1:]:
+        places = [flow / f"{path.stem}{ending}" for ending in FLOW_FILES]
+        motions.append(next((one for one in places if one.is_file() and one != path), places[0]))
     missing = [path.name for path in motions if not path.is_file()]
     if missing:
         raise InputError(
@@ -176,7 +180,7 @@ def _motions(frames: Path, out: Path, paths: list[Path], flow: Path | None) -> l
 
 
 def _read_flow(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
-    flow, _ = read_flo(path)  # where it is unknown noise stays on the screen
+    flow, _ = read_flow(path)  # where it is unknown noise stays on the screen
     if flow.shape[:2] != size:
         raise InputError(
             f"{path}: must be {size[1]} x {size[0]} px as the frames"

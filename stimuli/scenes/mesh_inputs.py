@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import re
 import struct
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -42,6 +43,8 @@ _DRAWN = (
     ("emissiveTexture",),
 )
 """Places where a material names pictures that are drawn."""
+_ELSEWHERE = re.compile(r"[a-z]:[/\\]|file:|\\\\", re.IGNORECASE)
+"""Begins a place on some other machine."""
 _INSTANCES = "EXT_mesh_gpu_instancing"
 
 
@@ -79,12 +82,20 @@ def files_of(path: Path) -> list[Path]:
 
 
 def file_of_name(mesh: Path, name: str) -> Path:
-    """Return the file that a mesh means by a name: with %20, backslashes or quotation marks."""
+    """Return the file that a mesh means by a name: with %20, backslashes or quotation marks.
+
+    A place outside the mesh's folder, such as ``C:\\...\\wood.png`` on the machine that exported
+    it, means the file of that name beside the mesh.
+    """
     plain = name.strip()
     bare = plain.strip('"')
     texts = (unquote(plain), plain, bare, unquote(bare), bare.replace("\\", "/"))
+    beside = mesh.parent / re.split(r"[/\\]", unquote(bare))[-1]
+    if _ELSEWHERE.match(unquote(bare)):
+        return beside
     places = (mesh.parent / text for text in texts if text)
-    return next(filter(_is_file, places), mesh.parent / unquote(bare))
+    found = next(filter(_is_file, places), mesh.parent / unquote(bare))
+    return beside if _leads_out(mesh.parent, found) and _is_file(beside) else found
 
 
 def check_lists(path: Path) -> None:

@@ -24,7 +24,7 @@ from stimuli.rendering.world import Viewpoint
 from stimuli.scenes import mesh_surface
 from stimuli.scenes.mesh_features import INSIDE, ROWS
 from stimuli.scenes.mesh_file import load_world
-from stimuli.scenes.mesh_inputs import data_of_uri, file_of_name
+from stimuli.scenes.mesh_inputs import data_of_uri, file_of_name, files_of
 from study_app.cli import app as whole_app
 from study_app.cli.stimuli_commands import app as typer_app
 
@@ -901,6 +901,29 @@ def test_a_link_inside_the_folder_does_not_lead_out_of_it(tmp_path, link):
         (folder / link).unlink()
         (outside / link).rename(folder / link)
     assert load_world(path).parts
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(r"C:\Users\me\wall.png", "D:/scans/wall.png", "file:///home/me/wall.png"),
+        *(r"\\server\share\wall.png", "../textures/wall.png", "/elsewhere/wall.png"),
+        "C:%5CUsers%5Cwall.png",
+    ],
+)
+def test_a_place_on_another_machine_means_the_file_beside_the_mesh(tmp_path, name):
+    path = tmp_path / "scene" / "box.gltf"
+    path.parent.mkdir()
+    write_small_study(path.parent)
+    read = json.loads(path.read_text())
+    read["images"][0]["uri"] = name
+    path.write_text(json.dumps(read))
+    picture = (path.parent / "wall.png").rename(tmp_path / "apart.png")
+    with pytest.raises(InputError, match=r"put .*there, or export the scene as one \.glb"):
+        load_world(path)
+    picture.rename(path.parent / "wall.png")  # the cure
+    assert load_world(path).parts
+    assert path.parent / "wall.png" in files_of(path)
 
 
 # Situations that people reported to other programs, with the right values

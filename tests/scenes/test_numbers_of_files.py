@@ -16,7 +16,7 @@ from PIL import Image
 from pipeline.errors import FileNote, InputError
 from pipeline.pictures.colour_file import load_colour
 from pipeline.pictures.decode import read_parts, read_pixels
-from pipeline.pictures.depth_and_flow import along_axis, load_depth, read_flo
+from pipeline.pictures.depth_and_flow import along_axis, load_depth, read_flow
 from pipeline.pictures.warp_input import load_warp_input
 from protocols.recipes.warped_clips import CirclePath, ExrScene, RgbdScene, StereoScene
 from stimuli.scenes.pair_check import judge_pair
@@ -503,10 +503,10 @@ def test_motion_in_the_other_byte_order_is_no_standstill(tmp_path, rng):
     for order in "<>":
         (tmp_path / "a.flo").write_bytes(head + flow.astype(f"{order}f4").tobytes())
         if order == "<":
-            np.testing.assert_array_equal(read_flo(tmp_path / "a.flo")[0], flow)
+            np.testing.assert_array_equal(read_flow(tmp_path / "a.flo")[0], flow)
             continue
         with pytest.raises(InputError, match="byte order that it states"):
-            read_flo(tmp_path / "a.flo")
+            read_flow(tmp_path / "a.flo")
 
 
 def test_numbers_of_another_size_are_told_with_both_files_and_sizes(tmp_path, left, truth_px):

@@ -100,8 +100,9 @@ class ClipOptions:
     """Options of frames alone."""
 
     flow: Annotated[Path | None, typer.Option(metavar="FOLDER")] = None
-    """For frames: NAME.flo for each but the first, how far its pixels have moved since the frame
-    before. Noise then moves along; otherwise it is fixed to the screen."""
+    """For frames: NAME.flo, .pfm, .npy, .npz or .png for each but the first, how far its pixels
+    have moved since the frame before. Noise then moves along; otherwise it is fixed to the
+    screen."""
     video: Annotated[Path | None, typer.Option(metavar="FILE")] = None
     """For frames: write them as a video too, .mp4, .webm, or lossless .avi."""
     fps: Annotated[float | None, typer.Option(min=1, max=1000)] = None

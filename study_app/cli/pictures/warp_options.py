@@ -34,7 +34,7 @@ class PictureOptions:
     panel: ClassVar = "Picture with motion or depth"
 
     flow: Path | None = None
-    """Motion of each pixel: a Middlebury file (.flo)."""
+    """Motion of each pixel: .flo, .pfm, .npy, .npz, or KITTI's .png."""
     depth: Path | None = None
     """Depth along the optical axis: .png, .tif, .pgm, .pfm, .exr, .npy or .npz; unknown is 0 in
     integers, not a number in floats. Given alone, the camera moves sideways. Also useful with

@@ -37,7 +37,7 @@ from pipeline.denoising.network import DenoisingNetwork, NetworkFacts
 from pipeline.methods.onnx import OnnxNetwork
 from pipeline.pictures.colour_file import PictureReading, load_colour, read_any
 from pipeline.pictures.decode import read_parts
-from pipeline.pictures.depth_and_flow import load_depth, read_flo
+from pipeline.pictures.depth_and_flow import load_depth, read_flow
 from pipeline.pictures.stored_frames import read_frames, read_picture
 from pipeline.pictures.warp_input import load_warp_input, read_pose
 from pipeline.pictures.write import write_pixels
@@ -162,7 +162,7 @@ READERS: tuple[Reader, ...] = (
     Reader("pfm", "d.pfm", mutations.PLAIN, load_plane, _anything),
     Reader("numpy-npy", "d.npy", mutations.RAW, load_plane, _anything),
     Reader("numpy-npz", "d.npz", mutations.ZIPPED, load_plane, _anything),
-    Reader("flow-flo", "f.flo", mutations.RAW, read_flo),
+    Reader("flow-flo", "f.flo", mutations.RAW, read_flow),
     Reader("compressed", "c.metamer", mutations.RAW, lambda p: decompress(read_compressed(p))),
     Reader("baked-texture", "t.moments", mutations.RAW, read_baked),
     Reader("mesh-glb", "s.glb", mutations.GLB, load_world, _haze),
