@@ -106,6 +106,20 @@ def limit(name: str) -> int:
     return found[name]
 
 
+def network_limits(pixels: int, packed: int) -> dict[str, float]:
+    """Return bytes of memory and seconds that an ONNX network may take, by the name of the limit.
+
+    For each pixel it may hold 32 maps of 64 channels at once (8 KiB) and do 10 million operations
+    at 20 billion a second, several times what inpainting networks do; its weights may be held four
+    times, and each 20 MB of them take a second.
+    """
+    memory, seconds = limit("memory") / 2, limit("seconds") / 2
+    return {
+        "memory": memory + 8192 * pixels + 4 * packed,
+        "seconds": seconds + 5e-4 * pixels + packed / 2e7,
+    }
+
+
 def check_limits_variable() -> None:
     """Refuse the variable of limits if it is misspelt or cannot be read.
 

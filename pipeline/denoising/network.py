@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import WIDEST_FLAT_DEG
 from pipeline.foveation.picture_fixation import float_picture
 from pipeline.foveation.pooling import Pooling, Pools
-from pipeline.methods.onnx_files import on_one_line, open_session
+from pipeline.methods.onnx_files import BoundedNetwork, NetworkError, on_one_line, open_session
 from protocols.errors import must_be_one_of
 from protocols.outside import reading
 
@@ -120,7 +120,7 @@ class DenoisingNetwork:
         self._session = open_session(path, "denoising needs")
         self.facts = _facts(path, self._session)
         with reading(path, "a denoising network", InputError):  # its names may be no text
-            takes, gives = self._session.get_inputs(), self._session.get_outputs()
+            takes, gives = self._session.inputs, self._session.outputs
             shapes = [list(one.shape or ())[1:2] for one in (*takes, *gives)]
             names = [one.name for one in gives]
         wanted = [[inputs_of(self.facts.levels)], [3]]
@@ -175,7 +175,7 @@ class DenoisingNetwork:
         height, width = seen.planes.shape[2:]
         try:
             found = self._session.run(self._gives, {self._takes: seen.planes})
-        except Exception as error:  # its own classes are not public
+        except NetworkError as error:
             raise InputError(
                 f"{self.path}: the network must run on {width} x {height} px"
                 f" (ONNX Runtime says: {on_one_line(error)}); {_CURE}"
@@ -244,16 +244,15 @@ def seen_by(noisy: NDArray[np.floating], pools: Pools, levels: int = LEVELS) -> 
     return NetworkInput(np.ascontiguousarray(padded.transpose(2, 0, 1)[None], np.float32), own)
 
 
-def _facts(path: Path, session: Any) -> NetworkFacts:
-    with reading(path, "a denoising network", InputError):
-        text = session.get_modelmeta().custom_metadata_map.get(FACTS_KEY)
+def _facts(path: Path, session: BoundedNetwork) -> NetworkFacts:
+    text = session.metadata.get(FACTS_KEY)
     if text is None:
         raise InputError(
             f"{path}: must be a denoising network of metamerlab (it does not say what it is for);"
             f" {_CURE}"
         )
     try:
-        return NetworkFacts.from_json(cast(str, text))
+        return NetworkFacts.from_json(text)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputError(
             f"{path}: must say what the network is for, in its metadata {FACTS_KEY!r}"

@@ -7,7 +7,6 @@ is 0. Its first output is the completed image, (1, 3, H, W), in the same range.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,13 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame, check_some_known
 from pipeline.methods.method import composite
-from pipeline.methods.onnx_files import network_files, on_one_line, open_session
+from pipeline.methods.onnx_files import (
+    BoundedNetwork,
+    NetworkError,
+    network_files,
+    on_one_line,
+    open_session,
+)
 from protocols.errors import must_be_one_of
 from protocols.outside import reading
 
@@ -84,8 +89,8 @@ class OnnxNetwork:
         padded = np.pad(planes, ((0, below), (0, right), (0, 0)), mode="edge")
         feed = self._inputs.feed(padded.transpose(2, 0, 1)[None])
         try:
-            output = np.asarray(self._session.run(None, feed)[0])
-        except Exception as error:  # its own classes are not public
+            (output,) = self._session.run([self._session.outputs[0].name], feed)
+        except NetworkError as error:
             raise InputError(
                 f"{self.path}: the network must run on {width + right} x {height + below} px"
                 f" (ONNX Runtime says: {on_one_line(error)}); try another multiple_px"
@@ -125,8 +130,8 @@ class _Inputs:
         }
 
 
-def _understand(path: Path, session: Any) -> _Inputs:
-    inputs = session.get_inputs()
+def _understand(path: Path, session: BoundedNetwork) -> _Inputs:
+    inputs = session.inputs
     shapes = {item.name: tuple(item.shape or ()) for item in inputs}
     described = ", ".join(f"{item.name[:40]} {item.type} {item.shape}" for item in inputs[:4])
     channels = {name: shape[1] if len(shape) == 4 else None for name, shape in shapes.items()}
@@ -142,14 +147,14 @@ def _understand(path: Path, session: Any) -> _Inputs:
             f"{path}: the network must take float32 image and mask, as inputs (1, 3, H, W) and"
             f" (1, 1, H, W) or as one (1, 4, H, W) (it takes {described}); {_CURE}"
         )
-    first_output = tuple(session.get_outputs()[0].shape or ())  # of a list of tensors, it has none
+    first_output = tuple(session.outputs[0].shape or ())  # of a list of tensors, it has none
     if len(first_output) != 4 or (isinstance(first_output[1], int) and first_output[1] != 3):
         raise InputError(
             f"{path}: the network's first output must be an image (1, 3, H, W)"
             f" (it is {list(first_output)}); {_CURE}"
         )
     height, width = (
-        next((shape[axis] for shape in shapes.values() if isinstance(shape[axis], int)), None)
+        next((edge for one in shapes.values() if isinstance(edge := one[axis], int)), None)
         for axis in (2, 3)
     )
     return _Inputs(planes, height, width)

@@ -6,13 +6,26 @@ in ``onnx.proto`` (ONNX 1.16); everything else is skipped.
 
 from __future__ import annotations
 
+import importlib.util
+import math
 import os.path
-from collections.abc import Iterator
+import pickle
+import subprocess
+import sys
+import threading
+import time
+import weakref
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
 
 from pipeline.errors import InputError, MissingExtraError
-from protocols.limits import check_within
+from protocols.limits import LIMITS_VARIABLE, check_within, limit, network_limits
 from protocols.outside import bounded_bytes, reading, visible_line
 
 # Kind of message -> field -> kind of what it holds; "location" is what is looked for.
@@ -27,9 +40,125 @@ _LEADS: dict[str, dict[int, str]] = {
     "tensor": {13: "entry"},
 }
 _DEEPEST = 64
+_START_S = 60.0
+"""Seconds that a process may take to start, on a machine with other work."""
 
 
-def open_session(path: Path, who_needs: str) -> Any:
+class Tensor(NamedTuple):
+    """An input or output of a network, as ONNX Runtime describes it."""
+
+    name: str
+    type: str
+    shape: Sequence[int | str | None] | None
+
+
+class NetworkError(Exception):
+    """Message of ONNX Runtime about a network."""
+
+
+class BoundedNetwork:
+    """Network that runs in a process of its own, within `network_limits`.
+
+    A file of 100 bytes can ask for any memory, or never end, and ONNX Runtime bounds neither.
+    """
+
+    inputs: list[Tensor]
+    outputs: list[Tensor]
+    metadata: dict[str, str]
+
+    def __init__(self, path: Path, packed: int) -> None:
+        self._path, self._packed, self._asking = path, packed, threading.Lock()
+        child = subprocess.Popen(
+            [sys.executable, "-P", str(Path(__file__).with_name("onnx_child.py"))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        self._child, self.end = child, weakref.finalize(self, _end, child)
+        try:
+            inputs, outputs, self.metadata = self._answer(None, str(path.absolute()), 0, _START_S)
+        except BaseException:
+            self.end()
+            raise
+        self.inputs, self.outputs = ([Tensor(*one) for one in side] for side in (inputs, outputs))
+
+    def run(
+        self, outputs: Sequence[str], feed: Mapping[str, NDArray[np.float32]]
+    ) -> list[NDArray[Any]]:
+        """Return outputs for inputs, whose pixels bound what the network may take.
+
+        Raises
+        ------
+        InputError
+            If it takes more memory or time than it may.
+        NetworkError
+            With what ONNX Runtime says.
+        """
+        pixels = max((math.prod(one.shape[2:]) for one in feed.values()), default=0)
+        found = self._answer(list(outputs), dict(feed), pixels)
+        return [np.asarray(one) for one in found]
+
+    def _answer(self, outputs: object, feed: object, pixels: int, start_s: float = 0) -> Any:
+        most = network_limits(pixels, self._packed)
+        seconds = most["seconds"] + start_s
+        ended, over = threading.Event(), list[str]()
+        watched = (self._child, most["memory"], seconds, ended, over)
+        watch = threading.Thread(target=_watch, args=watched, daemon=True)
+        with self._asking:
+            watch.start()
+            try:
+                assert self._child.stdin is not None
+                assert self._child.stdout is not None
+                pickle.dump((outputs, feed, seconds), self._child.stdin, protocol=5)
+                self._child.stdin.flush()
+                well, found = pickle.load(self._child.stdout)
+            except (EOFError, OSError, ValueError, pickle.UnpicklingError):
+                self.end()
+                if not over:
+                    raise NetworkError(f"it ended with status {self._child.returncode}") from None
+                raise InputError(
+                    f"{self._path}: the network must take at most {most['memory'] / 1e9:.3g} GB of"
+                    f" memory and {seconds:.0f} s on {pixels:,} pixels (it takes more); if it is"
+                    f" right, raise the limit with {LIMITS_VARIABLE}={over[0]}="
+                    f"{10 * limit(over[0])}"
+                ) from None
+            except BaseException:  # Ctrl-C: the answer would be that of the next question
+                self.end()
+                raise
+            finally:
+                ended.set()
+                watch.join()
+        if not well:
+            raise NetworkError(found)
+        return found
+
+
+def _watch(
+    child: subprocess.Popen[bytes],
+    memory: float,
+    seconds: float,
+    ended: threading.Event,
+    over: list[str],
+) -> None:
+    """End a process that takes more memory or time than it may, and say of what."""
+    until_s = time.monotonic() + seconds
+    with suppress(psutil.Error):  # it is gone
+        process = psutil.Process(child.pid)
+        while not ended.wait(0.02):
+            late = time.monotonic() > until_s
+            if late or process.memory_info().rss > memory:
+                over.append("seconds" if late else "memory")
+                child.kill()
+                return
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    child.kill()
+    with suppress(OSError):  # what was not sent is lost with it
+        child.communicate()
+
+
+def open_session(path: Path, who_needs: str) -> BoundedNetwork:
     """Open a network with ONNX Runtime, on the CPU.
 
     Parameters
@@ -44,27 +173,19 @@ def open_session(path: Path, who_needs: str) -> Any:
     MissingExtraError
         If ONNX Runtime is not installed.
     InputError
-        If the file is no network, or names weights outside its folder.
+        If the file is no network, names weights outside its folder, or takes too much.
     """
     if not path.is_file():
         raise FileNotFoundError(2, "No such file", str(path))
-    try:
-        import onnxruntime
-    except ImportError as error:
+    if importlib.util.find_spec("onnxruntime") is None:
         raise MissingExtraError(
             f"{who_needs} ONNX Runtime (it is not installed);"
             " install it with: pip install 'metamerlab[onnx]'"
-        ) from error
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 4  # what is wrong comes as an exception
-    # One order of summation on any number of cores: same input, same bytes.
-    options.use_deterministic_compute = True
-    network_files(path)  # refuses weights from outside its folder
+        )
+    files = network_files(path)  # refuses weights from outside its folder
     try:
-        return onnxruntime.InferenceSession(
-            str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0
-        )  # a second try would print to the terminal
-    except Exception as error:  # its own classes are not public
+        return BoundedNetwork(path, sum(file.stat().st_size for file in files))
+    except NetworkError as error:
         raise InputError(f"{path}: must be an ONNX model ({on_one_line(error)})") from error
 
 
