@@ -18,6 +18,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Literal, TypeAlias
 
+from protocols.browser.browser_window import shows_all, stimuli_px, window_in_words
 from protocols.browser.shared_links import (
     SharedLink,
     keep_sender,
@@ -40,7 +41,6 @@ from protocols.browser.web_lines import (
     StartLine,
 )
 from protocols.browser.web_study import deviations_s
-from protocols.browser.browser_window import shows_all, stimuli_px, window_in_words
 from protocols.disk.hashing import sha256_json
 from protocols.disk.result_folder import whole_folder
 from protocols.display import Display

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from timelines import OBSERVED, TIMELINES
 from web_kernel import Kernel, running_kernel
 
-from protocols.browser.web_study import adaptive_column, web_design
 from protocols.browser.browser_window import shows_all
+from protocols.browser.web_study import adaptive_column, web_design
 from protocols.disk.hashing import sha256_json
 from protocols.errors import StudyError
 from protocols.feasibility import virtual_manifest
