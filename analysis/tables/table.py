@@ -112,6 +112,7 @@ class Table:
         self._filtered: set[str] = set()
         self._bounded: set[tuple[str, str]] = set()
         self._source = self.rows
+        self._units: dict[str, str] = {}  # of each column that was renamed, as said or taken
         self._refuse_doubled(mapping or {})
         original = self.rows
         for ours, theirs in (mapping or {}).items():
@@ -302,7 +303,7 @@ class Table:
     def text(self, column: str) -> pd.Series:
         """Return a column of names, none of them empty or spoilt by a spreadsheet."""
         values = self.rows[column].str.strip()
-        self._refuse_dates(column, "a name", "text")
+        self._refuse_cells(column, "a name", "text")
         self.refuse(values == "", f"{column} must not be empty")
         dates, all_of_them = row_checks.spoilt(values)
         if dates.any() and not all_of_them and column not in self._filtered:
@@ -321,8 +322,8 @@ class Table:
             self.notes.append(f"{column} {named} look alike: they count as {len(group)}")
         return values
 
-    def _refuse_dates(self, column: str, wanted: str, kind: str) -> None:
-        """Refuse a cell of a spreadsheet that is a date or a time."""
+    def _refuse_cells(self, column: str, wanted: str, kind: str) -> None:
+        """Refuse a date or a time of a spreadsheet, and a list of several entries."""
         theirs = self.theirs(column)
         self.refuse(
             self.rows.index.to_series().isin(self._dates.get(theirs, [])),
@@ -330,6 +331,16 @@ class Table:
                 f"{column} must be {wanted}, not a date or a time (got {self.rows[column][at]!r} in"
                 f" the spreadsheet's column {theirs!r}); format the column's cells as {kind} and"
                 " write them again"
+            ),
+        )
+        raw = self.rows[column].str.strip()
+        lists = raw.str.fullmatch(r"\[.*,.*\]", na=False)
+        self.refuse(
+            lists,
+            lambda at: (
+                f"{column} must be one entry (got the list {shortened(raw[at])}, and"
+                f" {int(lists.sum()) - 1} more); write in each one's place the entry that counts:"
+                " the first, as PsychoPy does with Store: first key"
             ),
         )
 
@@ -348,7 +359,7 @@ class Table:
 
     def _numbers(self, column: str) -> pd.Series:
         raw = self.rows[column].str.strip()
-        self._refuse_dates(column, "a number", "numbers")
+        self._refuse_cells(column, "a number", "numbers")
         values = pd.to_numeric(raw, errors="coerce").astype(float)
         self.refuse(
             ~missing(raw) & ~np.isfinite(values),
@@ -419,7 +430,7 @@ class Table:
     def seconds(self, column: str = "rt_s") -> pd.Series:
         """Return a column of durations above 0 and below a day; what says missing is NaN."""
         values = self._numbers(column)
-        if column_units.likely("s", values):
+        if self._likely("s", column, values):
             self._refuse_unit(column, values)
         must = (
             f"{column} must be above 0 seconds and below a day (got {{}}); leave such rows out with"
@@ -453,6 +464,7 @@ class Table:
             **{ours: values if unit is None else column_units.converted(values, unit)}
         )
         self._mapping[ours] = theirs
+        self._units[ours] = unit or base
 
     def _filter(self, condition: str) -> None:
         """Keep the rows of which a condition is true."""
@@ -566,12 +578,17 @@ class Table:
             f" meant, say --where '{column}{sign}={bound:.12g}'"
         )
 
+    def _likely(self, base: str, column: str, values: pd.Series) -> Sequence[str]:
+        """Return units in which the user's own numbers, whatever was said of them, are possible."""
+        factor = column_units.UNITS.get(base, {}).get(self._units.get(column, base), 1.0)
+        return column_units.likely(base, values / factor)
+
     def _refuse_unit(self, column: str, values: pd.Series, people: pd.Series | None = None) -> None:
         base = column_units.unit_of(OURS.get(column), column)
         wrong = column_units.impossible(column, base, values, people)
         if not wrong:
             return
-        theirs, others = self.theirs(column), column_units.likely(base, values)
+        theirs, others = self.theirs(column), self._likely(base, column, values)
         if people is not None:
             cure = "bring all people's to one unit, or leave these out with"
             cure = f"{cure} {self.cure('--where')} 'participant!=CODE'"

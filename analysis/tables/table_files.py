@@ -31,6 +31,7 @@ SPREADSHEETS = (".xls", ".numbers")
 FIRST_LINE = 2
 SHOWN_LETTERS = 60
 _ZIPPED = b"PK\x03\x04"
+_LIST = re.compile(r"""\[\s*(?:'([^']*)'|"([^"]*)"|([-+\d.eE]+))?\s*,?\s*\]""")
 _DECIMAL = re.compile(r"[+-]?\d+,\d+")
 _NUMBER = re.compile(r"[+-]?\d+(,\d+)?")
 _SAME_ROWS = 4
@@ -133,6 +134,13 @@ def _of_file(path: Path, counted: Counted | None) -> FileRows:
     if twice:
         raise StudyError(f"{path}: columns must have names of their own (twice: {twice})")
     again = []
+    titles = [at for at, (_, row) in enumerate(body[:2]) if _is_qualtrics(row)]
+    if titles:
+        titles = [line for line, _ in body[: titles[0] + 1]]
+        body = body[len(titles) :]
+        found.notes.append(
+            f"left out, Qualtrics' further lines of the header: {counted_lines(titles)}"
+        )
     for line, row in body:
         if not any(map(str.strip, row)):
             continue
@@ -158,6 +166,7 @@ def _of_file(path: Path, counted: Counted | None) -> FileRows:
         found.notes.append(f"left out, the header again: {counted_lines(again)}")
     if separator != ",":
         found.notes += _decimal_points(found)
+    found.notes += _lone_entries(found)
     if counted is not None and is_square(path, found.header, found.rows):
         lines = [line for _, line in found.lines]
         each = list(decisions_of(path, found.header, found.rows, lines, counted))
@@ -224,6 +233,23 @@ def _decimal_points(found: FileRows) -> list[str]:
             row[place] = row[place].strip().replace(",", ".")
         turned.append(name)
     return [f"decimal commas read as points: {', '.join(turned)}"] if turned else []
+
+
+def _is_qualtrics(row: Sequence[str]) -> bool:
+    """True of the line in which each cell is ``{"ImportId":"QID1"}`` or such."""
+    filled = [cell.replace("'", '"') for cell in row if cell.strip()]
+    return bool(filled) and all(cell.startswith('{"ImportId":') for cell in filled)
+
+
+def _lone_entries(found: FileRows) -> list[str]:
+    """Write the entry in the place of each list of one, such as ``['left']``; of none, nothing."""
+    turned: dict[str, None] = {}
+    for row in found.rows:
+        for place, cell in enumerate(row):
+            if "[" in cell and (entry := _LIST.fullmatch(cell.strip())):
+                row[place] = "".join(filter(None, entry.groups()))
+                turned[found.header[place]] = None
+    return [f"lists of one read as their entry: {', '.join(turned)}"] if turned else []
 
 
 def shortened(text: object) -> str:
