@@ -96,7 +96,7 @@ def check_need(
     _check_small(path, "seconds", need_s, SECONDS_FOR_A_BYTE * counted, size, packed)
 
 
-def check_memory(path: Path, need: int, what: str, packed: int) -> None:
+def check_memory(path: Path, need: int, what: str, packed: int, counted: int | None = None) -> None:
     """Refuse a mesh that takes more memory than the limit, and than so small a file may.
 
     Parameters
@@ -107,13 +107,16 @@ def check_memory(path: Path, need: int, what: str, packed: int) -> None:
         For what.
     packed : int
         Bytes of the file and of all that belong to it.
+    counted : int, optional
+        Bytes that allow more memory, where it is not all of them.
 
     Raises
     ------
     InputError
         With the need, the limit and how to raise it; or what is free on this machine.
     """
-    _check_small(path, "memory", need, MEMORY_FOR_A_BYTE_OF_A_MESH * packed, what, packed)
+    counted = packed if counted is None else counted
+    _check_small(path, "memory", need, MEMORY_FOR_A_BYTE_OF_A_MESH * counted, what, packed)
 
 
 def _check_small(

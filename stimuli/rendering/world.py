@@ -137,7 +137,7 @@ class Mesh:
         normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)
         return Mesh(
             position,
-            np.repeat(normal, 3, axis=0).astype(np.float32),
+            np.repeat(normal.astype(np.float32), 3, axis=0),
             self.uv[corners],
             self.colour[corners],
             np.arange(len(corners), dtype=np.uint32),

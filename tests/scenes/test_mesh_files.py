@@ -1,5 +1,6 @@
 """Scenes from glTF files, whole and broken."""
 
+import base64
 import json
 import re
 import tomllib
@@ -362,3 +363,52 @@ def test_real_scenes_look_as_their_converter_saw_them(shared_data, draw, name):
 def test_unknown_scenes_are_no_files(tmp_path, gl_context):
     with pytest.raises((InputError, FileNotFoundError, StudyError)):
         look_around(gl_context, ScenePreview("gardn"), tmp_path / "v.png", 1)
+
+
+def of_indices(path, vertices, indices):
+    """Write a mesh of so many vertices in a row, whose triangles name them by turns."""
+    position = np.zeros((vertices, 3), "<f4")
+    position[:, 0], position[::2, 1] = np.arange(vertices), 1
+    corners = (np.arange(indices) % vertices).astype("<u2")
+    data = position.tobytes() + corners.tobytes()
+    views = [(0, position.nbytes), (position.nbytes, corners.nbytes)]
+    kinds = [(5126, vertices, "VEC3"), (5123, indices, "SCALAR")]
+    document = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": view, "componentType": kind, "count": count, "type": shape}
+            for view, (kind, count, shape) in enumerate(kinds)
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": first, "byteLength": length} for first, length in views
+        ],
+        "buffers": [
+            {
+                "byteLength": len(data),
+                "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode(),
+            }
+        ],
+    }
+    path.write_text(json.dumps(document))
+    return path
+
+
+@pytest.mark.parametrize(("vertices", "indices"), [(3, 30_000), (10, 9_000), (100, 6_000)])
+def test_millions_of_indices_of_few_vertices_get_no_memory_for_their_bytes(
+    tmp_path, monkeypatch, vertices, indices
+):
+    """30 MB of indices that name three vertices took 1.4 GB."""
+    path = of_indices(tmp_path / "m.gltf", vertices, indices)
+    load_world(path)
+    monkeypatch.setenv("METAMERLAB_LIMITS", "memory=300000")
+    with pytest.raises(InputError, match=r"must take at most .* METAMERLAB_LIMITS=memory="):
+        load_world(path)
+
+
+@pytest.mark.parametrize("each", [1, 3, 6, 12, 36])
+def test_a_mesh_that_is_a_surface_gets_memory_for_its_bytes(tmp_path, monkeypatch, each):
+    monkeypatch.setenv("METAMERLAB_LIMITS", "memory=300000")
+    load_world(of_indices(tmp_path / "m.gltf", 3_000, 3_000 * each))
