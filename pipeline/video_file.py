@@ -98,6 +98,13 @@ class VideoFrames:
 
     Frames have 8 bits a channel, whatever the video holds.
 
+    Parameters
+    ----------
+    path : Path
+        The file.
+    wanted_fps : float, optional
+        Frames per second that its study wants, for cures.
+
     Attributes
     ----------
     size_px : (int, int)
@@ -115,8 +122,8 @@ class VideoFrames:
         If FFmpeg, in OpenCV, cannot read it, or it says what must be refused.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, wanted_fps: float | None = None) -> None:
+        self.path, self._wanted_fps = path, wanted_fps
         self.fps = self._first_ms = self._last_ms = 0.0
         self._open()
         number = self._video.get
@@ -204,6 +211,7 @@ class VideoFrames:
         before_ms = (last_ms - self._first_ms) / gaps
         rate = 1000 / before_ms if before_ms > 0 else self.fps
         rate = round(rate) if abs(round(rate) / rate - 1) < _NEAR_RATE_SHARE else round(rate, 3)
+        rate = self._wanted_fps or rate  # the cure makes a video that a study takes
         after_s = (time_ms - self._first_ms) / 1000
         words = (
             f"frame {self._next} comes {after_s:.3f} s after the first; at {self.fps:g} a second it"

@@ -4,9 +4,13 @@ import csv
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import metamerlab, outcome_of, refusal_of
+
+from pipeline.pictures.write import write_pixels
 
 HEAD = ["participant", "first", "second", "chosen", "rt"]
 BOTH = ["ours", "blur"]
@@ -217,3 +221,50 @@ def test_further_lines_of_a_header_of_qualtrics_are_left_out(tmp_path, titles, q
     _, said, _ = outcome_of("analysis", "import")(table, "--out", tmp_path / "out")
     assert "Qualtrics' further lines of the header" in " ".join(said.split())
     assert "32 decisions of 4 participants" in said
+
+
+# Pictures: a folder, a command that is refused, and the option or the file that the message names.
+
+
+def picture_files(folder: Path) -> None:
+    rng = np.random.default_rng(3)
+    for name in ("a.png", "b.png"):
+        write_pixels(folder / name, rng.integers(70, 150, (24, 32, 3)).astype(np.uint8), "RGB")
+    disparity = rng.uniform(2, 4, (24, 32)).astype(np.float32)
+    np.save(folder / "negative.npy", -disparity)
+    np.save(folder / "turned.npy", disparity)
+    disparity[:6] = -1000
+    np.save(folder / "holes.npy", disparity)
+    np.save(folder / "nan.npy", np.where(disparity < 0, np.nan, disparity))
+    np.save(folder / "vectors.npy", np.ones((24, 32, 3), np.float32))
+    np.save(folder / "flow.npy", np.ones((24, 32, 2), np.float32))
+
+
+PICTURES = {
+    "disparity of the other sign": (
+        "--disparity negative.npy", "write it with its sign turned", "--disparity turned.npy",
+    ),
+    "a number for unknown": (
+        "--disparity holes.npy", "--unknown -1000", "--disparity holes.npy --unknown -1000",
+    ),
+    "a number for unknown, written as NaN": (
+        "--disparity holes.npy", "if it stands for unknown", "--disparity nan.npy",
+    ),
+    "no flow": (
+        "--flow vectors.npy", "numpy.save(file, flow), of floats of shape (H, W, 2)",
+        "--flow flow.npy",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.usefixtures("gl_context")
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_cure_of_a_picture_makes_it_warpable(tmp_path, monkeypatch, name):
+    refused, cure, taken = PICTURES[name]
+    monkeypatch.chdir(tmp_path)
+    picture_files(tmp_path)
+    words = ("a.png", "out.png", "-m", "push-pull")
+    assert cure in " ".join(refusal_of("warp")(*words, *refused.split()).split())
+    assert not (tmp_path / "out.png").exists()
+    metamerlab("warp", *words, *taken.split())
+    assert (tmp_path / "out.png").is_file()

@@ -191,7 +191,7 @@ def _frames_of_folder(folder: Path, frames: int) -> Iterator[Frame]:
 
 
 def _frames_of_video(path: Path, frames: int, fps: float) -> Iterator[Frame]:
-    video = VideoFrames(path)
+    video = VideoFrames(path, fps)
     try:
         if video.fps and abs(video.fps - fps) > RATE_TOLERANCE_SHARE * fps:
             raise InputError(

@@ -483,6 +483,20 @@ def test_the_cure_of_each_refusal_makes_a_video_that_is_taken(made, case):
     assert VideoFrames(mended).fps == 30
 
 
+def test_the_cure_of_uneven_frames_has_the_rate_of_the_study(made):
+    """Frames come at 30 a second, the header and the study say 20."""
+    (case,) = [one for one in REFUSALS if one.statement == "frame times" and one.ending == ".mkv"]
+    path = made(case)
+    size_px = VideoFrames(path).size_px
+    with pytest.raises(InputError, match="fps=20") as refused:
+        list(read_frames(path, size_px, 4, 20.0))
+    if FFMPEG is not None:
+        command = str(refused.value).partition("this makes such a file: ")[2]
+        words = shlex.split(command.replace("ffmpeg", "ffmpeg -v error -nostdin", 1))
+        subprocess.run(words, check=True)
+        assert len(list(read_frames(Path(words[-1]), size_px, 4, 20.0))) == 4
+
+
 def follow(path: Path) -> tuple[Path, list[np.ndarray]]:
     """Run the command that a refusal names; return what it wrote, read."""
     with pytest.raises(InputError) as refused:
