@@ -21,6 +21,7 @@ from analysis.tables.words import (
     UNANSWERED,
     YES,
     among,
+    ended,
     means,
     missing,
     plain,
@@ -228,13 +229,20 @@ class Table:
         wrong = among(rows["correct"], NO) if "correct" in rows else late
         for name in map(str, rows.columns):
             timed = means(name, OURS["rt_s"])
-            if plain(name) in UNANSWERED | ANSWERED:
-                says = YES if plain(name) in UNANSWERED else NO
+            last = plain(name.rpartition(".")[2])
+            if last in UNANSWERED | ANSWERED:
+                says = YES if last in UNANSWERED else NO
                 empty, judged = among(rows[name], says), ~right
             elif timed or means(name, OURS["answer"]):
                 empty, judged = missing(rows[name], words), wrong
                 if timed:
                     empty |= pd.to_numeric(rows[name], errors="coerce") <= 0
+                    if (name, "<") not in self._bounded:
+                        empty |= self._at_limit(name, right, wrong)
+            elif name not in {*columns, *COMMON_COLUMNS} and right.any():
+                empty, judged = ended(rows[name]), ~right
+                if (empty & right).any():
+                    continue
             else:
                 continue
             # A column that is empty where answers were right does not tell.
@@ -258,6 +266,18 @@ class Table:
         if self.rows.empty:
             why = "the table has no rows" if rows.empty else self.notes[-1]
             raise StudyError(f"{self.path}: must hold at least one {noun} ({why})")
+
+    def _at_limit(self, name: str, right: pd.Series, wrong: pd.Series) -> pd.Series:
+        """Return True where a time is the limit, and note it."""
+        last = row_checks.at_limit(self.rows[name], right, wrong)
+        if last.any():
+            held = self.rows[name][last].iloc[0]
+            self.notes.append(
+                f"{name} is {held}, the longest, in {count_of(int(last.sum()), 'row')}, all wrong:"
+                " taken for the time limit, without an answer; if they are answers, say"
+                f" {self.cure('--where')} '{name}<={held}'"
+            )
+        return last
 
     @property
     def imported(self) -> bool:

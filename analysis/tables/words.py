@@ -6,12 +6,17 @@ import pandas as pd
 
 from protocols.columns import Column
 
-MISSING = {
-    *("", "none", "null", "nil", "na", "n/a", "nan", "undefined", "missing", "blank", "empty"),
+RAN_OUT = {
     *("timeout", "timedout", "toolate", "tooslow", "noresponse", "noresp", "noanswer", "nokey"),
     *("nokeypress", "nopress", "nobutton", "noinput", "didnotrespond", "didnotanswer"),
-    *("norating", "nochoice", "unanswered", "notanswered", "omitted", "omission", "skipped"),
-    *("nr", "k.a", "keineantwort"),
+    *("unanswered", "notanswered", "omission", "expired", "timeup", "notresponded"),
+    *("noresponsegiven", "responsetimeout", "trialtimeout", "maxduration"),
+}
+"""Words of any column that say: nobody answered in time."""
+MISSING = {
+    *("", "none", "null", "nil", "na", "n/a", "nan", "undefined", "missing", "blank", "empty"),
+    *("norating", "nochoice", "omitted", "skipped", "nr", "k.a", "keineantwort"),
+    *RAN_OUT,
 }
 """No answer; written without blanks, hyphens and brackets."""
 YES = {"1", "1.0", "true", "t", "yes", "y", "correct", "right", "ja", "richtig"}
@@ -21,7 +26,11 @@ SECOND = {"second", "right", "2", "b"}
 CHOSE_FIRST = {"1.0", "true", "yes", *FIRST}
 CHOSE_SECOND = {"0", "0.0", "-1", "-1.0", "false", "no", *SECOND}
 TIES = {"tie", "tied", "equal", "same", "both", "draw", "neither", "nopreference", "=", "0", "0.5"}
-UNANSWERED = {"timeout", "timedout", "noresponse", "skipped", "unanswered"}
+UNANSWERED = {
+    *("timeout", "timedout", "noresponse", "skipped", "unanswered", "toolate", "tooslow", "missed"),
+    *("istimeout", "wastimeout", "hastimedout", "didtimeout", "trialtimeout", "responsetimeout"),
+    *("rttimeout", "timeoutreached", "omission", "expired", "ranout", "timeup"),
+}
 """Columns whose yes says that there was no answer."""
 ANSWERED = {"answered", "responded", "hasresponse", "hasanswer", "responsegiven"}
 """Columns whose no says so."""
@@ -52,6 +61,12 @@ def missing(values: pd.Series, answers: set[str] | None = None) -> pd.Series:
     known = {
         one: plain(one) in MISSING and one.strip().casefold() not in kept for one in values.unique()
     }
+    return values.map(known).astype(bool)
+
+
+def ended(values: pd.Series) -> pd.Series:
+    """Return True where a value says that time ran out, as ``timeout`` of ``ended_on`` does."""
+    known = {one: plain(one) in RAN_OUT for one in values.unique()}
     return values.map(known).astype(bool)
 
 

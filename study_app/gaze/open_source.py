@@ -30,7 +30,9 @@ _METHODS = ("open", "info", "poll", "mark", "calibrate", "close")
 
 
 def recorded(rest: str) -> Recording:
-    """Read the recording that ``replay:`` names: ``FILE`` or ``FILE,eye=left|right``.
+    """Read the recording that ``replay:`` names: ``FILE``, ``FILE,eye=left|right``.
+
+    ``FILE,unknown=NUMBER`` says which number stands for a lost eye, ``unknown=none`` that none is.
 
     Raises
     ------
@@ -39,11 +41,18 @@ def recorded(rest: str) -> Recording:
     """
     if not rest:
         raise StudyError("--gaze: replay needs a file: replay:FILE (.asc or .csv)")
-    file, _, eye = rest.partition(",eye=")
+    named, told, number = rest.partition(",unknown=")
+    file, _, eye = named.partition(",eye=")
     eyes: dict[str, Eye | None] = {"": None, "left": "left", "right": "right"}
     if eye not in eyes:
         raise StudyError(f"--gaze: must read replay:FILE,eye=left|right (got {rest!r})")
-    return load_recording(Path(file), eyes[eye])
+    try:
+        unknown = None if not told else () if number == "none" else (float(number),)
+    except ValueError:
+        raise StudyError(
+            f"--gaze: unknown must be a number as the file stores it, or none (got {number!r})"
+        ) from None
+    return load_recording(Path(file), eyes[eye], unknown)
 
 
 def _replay(rest: str, desk: TrackerContext) -> GazeSource:

@@ -33,6 +33,12 @@ _RATE = re.compile(r"^SAMPLES\s.*\bRATE\s+([\d.]+)")
 _BLINK = re.compile(r"^EBLINK\s+[LR]\s+(\d+)\s+(\d+)")
 FARTHEST_PX = 1e6
 """No screen is as wide; what lies farther away is no gaze."""
+STAND_INS = (0.0, -1.0, -9999.0, 9999.0, -32768.0, 32767.0, 65535.0)
+"""Numbers that trackers write into both coordinates for a lost eye."""
+NEAR_PX = 10.0
+"""Others lie this near where an eye was there."""
+MANY = 1e-3
+"""Share of the samples from which a number may stand for something."""
 NO_DATA = -32768.0
 """Number that EyeLink writes for one that it does not have, where it is not a dot."""
 WORSE_SHARE = 0.1
@@ -99,7 +105,9 @@ class Recording:
         return replace(self, notes=notes)
 
 
-def load_recording(path: Path, eye: Eye | None = None) -> Recording:
+def load_recording(
+    path: Path, eye: Eye | None = None, unknown: tuple[float, ...] | None = None
+) -> Recording:
     """Read ``.asc`` or ``.csv``, also compressed (``.gz``).
 
     A CSV needs columns ``t_s`` (or ``t_ms``, ``t_us``, ``t_ns``), ``x_px`` and ``y_px``; an empty
@@ -107,10 +115,13 @@ def load_recording(path: Path, eye: Eye | None = None) -> Recording:
     unless it was lost far more often than the right one. Its coordinates are those that its header
     names.
 
+    The eye is lost, too, where both coordinates are a number of `unknown`.
+
     Raises
     ------
     StudyError
-        If the file cannot be read, names its columns otherwise, or has no samples.
+        If the file cannot be read, names its columns otherwise, or has no samples; or if a number
+        may stand for a lost eye and `unknown` is None: nobody has said.
     """
     data = read_bytes(path, "the gaze recording")
     if path.suffix == ".gz":
@@ -121,16 +132,18 @@ def load_recording(path: Path, eye: Eye | None = None) -> Recording:
     name = path.name.removesuffix(".gz")
     with reading(path, "a whole recording of gaze", StudyError):
         if name.endswith(".asc"):
-            found = _read_asc(path, text, eye)
+            found = _read_asc(path, text, eye, unknown)
             return replace(found, notes=(*notes, *found.notes))
         if name.endswith(".csv"):
             if eye is not None:
                 raise StudyError(f"{path}: a .csv file holds one eye; leave ',eye={eye}' away")
-            return replace(_read_csv(path, text), notes=tuple(notes))
+            return replace(_read_csv(path, text, unknown), notes=tuple(notes))
     raise StudyError(f"{path}: must be an EyeLink .asc or a .csv file (or .gz of one)")
 
 
-def _read_asc(path: Path, text: str, eye: Eye | None) -> Recording:
+def _read_asc(
+    path: Path, text: str, eye: Eye | None, unknown: tuple[float, ...] | None
+) -> Recording:
     samples = array("d")
     blinks = array("d")
     rate_hz = 0.0
@@ -162,9 +175,9 @@ def _read_asc(path: Path, text: str, eye: Eye | None) -> Recording:
     said = boxes.get("GAZE_COORDS", boxes.get("DISPLAY_COORDS"))
     screen = None if said is None else (_size(said[0], said[2]), _size(said[1], said[3]))
     x, y, notes = _one_eye(path, places, every, eye)
+    x, y = _found(path, x, y, unknown)
     if said is not None:
         x, y = (x - said[0]) * _sense(said[0], said[2]), (y - said[1]) * _sense(said[1], said[3])
-    _check_places(path, x, y)
     if not np.isfinite(stamps).all() or (np.diff(stamps) < 0).any():
         raise StudyError(f"{path}: stamps of samples must be finite numbers that do not fall")
     pairs = np.array(blinks).reshape(-1, 2)
@@ -245,7 +258,7 @@ def _sense(first: float, last: float) -> float:
     return -1.0 if last < first else 1.0
 
 
-def _read_csv(path: Path, text: str) -> Recording:
+def _read_csv(path: Path, text: str, unknown: tuple[float, ...] | None) -> Recording:
     reader = csv.reader(lines_of(text))
     names = next(reader, [])
     unit = next((unit for unit in _STAMPS if unit in names), None)
@@ -270,7 +283,7 @@ def _read_csv(path: Path, text: str) -> Recording:
         )
     stamps, x, y = np.array(samples).reshape(-1, 3).T
     t_s = (stamps - stamps[0]) * _STAMPS[unit]
-    _check_places(path, x, y)
+    x, y = _found(path, x, y, unknown)
     if not np.isfinite(t_s).all():
         line = int(np.argmin(np.isfinite(t_s))) + 2
         raise StudyError(f"{path}: line {line}: {unit} must be a finite number")
@@ -302,14 +315,39 @@ def _check_rate(path: Path, unit: str, rate_hz: float) -> None:
     )
 
 
-def _check_places(path: Path, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
-    """Gaze is somewhere or lost (not a number), but never farther away than any screen."""
+def _found(
+    path: Path,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    unknown: tuple[float, ...] | None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return gaze, not a number where it is lost; it is never farther away than any screen.
+
+    Asked about is one number in both coordinates that trackers write for a lost eye, in as many
+    samples as of a depth's pixels (`pipeline.pictures.depth_and_flow`), five or more, and far from
+    all others: an eye that rests there drifts.
+    """
+    lost = (x == y) & np.isin(x, unknown or ())
+    x, y = np.where(lost, np.nan, x), np.where(lost, np.nan, y)
+    held, counts = np.unique(x[x == y], return_counts=True)
+    stands = np.isin(held, STAND_INS) | (np.abs(held) > FARTHEST_PX)
+    for place in np.flatnonzero(stands & (counts >= max(5, MANY * x.size))):
+        apart = np.hypot(x - held[place], y - held[place])
+        if unknown is not None or not np.nanmin(apart, initial=np.inf, where=apart > 0) > NEAR_PX:
+            continue
+        value, count = f"{held[place]:.12g}", counts[place]
+        raise StudyError(
+            f"{path}: each sample must be known or said to be unknown ({count} samples hold"
+            f" ({value}, {value}): trackers write it where they lost the eye); if it stands for"
+            f" unknown, say so by replay:{path},unknown={value}; if it is gaze, by unknown=none"
+        )
     farthest = np.nanmax(np.abs([x, y]), initial=0.0)
     if farthest > FARTHEST_PX:
         raise StudyError(
             f"{path}: gaze must be in pixels of the screen, or empty where the eye was lost"
             f" (got {farthest:g})"
         )
+    return x, y
 
 
 def _median_rate(path: Path, t_s: NDArray[np.float64]) -> float:

@@ -1,9 +1,11 @@
 """Numbers of strangers' tables are looked at one by one, and honest columns pass."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from command_line import result_of
 
+from analysis.tables.unwanted_rows import at_limit
 from protocols.plausible_numbers import MIXED, SINGLE, grouped, shifted
 
 run = result_of(catch_exceptions=False)
@@ -21,7 +23,17 @@ def table(path, times, levels=None, others=()):
 
 def imported(path, *more, status=0):
     given = ("--task", "identification", "--set", "by=method", "--set", "alternatives=2")
-    done = run("analysis", "import", path, *given, *more, "--out", path.parent / "o", status=status)
+    done = run(
+        "analysis",
+        "import",
+        path,
+        *given,
+        *more,
+        "--out",
+        path.parent / "o",
+        "--replace",
+        status=status,
+    )
     return " ".join(done.output.split())
 
 
@@ -128,3 +140,56 @@ def test_honest_columns_pass(kind):
 )  # fmt: skip
 def test_points_that_are_decimal_pass(texts):
     assert grouped(texts) is None
+
+
+def late_table(path, *, seed=4, column=None, words=("timeout", "response"), right_at_limit=False):
+    """Write 360 trials of which a fifth ran out after 1500 ms, and count as wrong."""
+    draw = np.random.default_rng(seed)
+    lines = [f"participant,method,correct,duration{f',{column}' if column else ''}"]
+    late = draw.random(360) < 0.2
+    for k, out in enumerate(late):
+        good = draw.random() < 0.85 and (not out or right_at_limit)
+        time = 1500 if out and not (column and right_at_limit) else round(400 + 900 * draw.random())
+        said = f",{words[0] if out else words[1]}" if column else ""
+        lines.append(f"P{k % 6},{'ab'[k // 6 % 2]},{str(bool(good)).lower()},{time}{said}")
+    path.write_text("\n".join(lines) + "\n")
+    return path, int(late.sum())
+
+
+@pytest.mark.parametrize(
+    ("column", "words"),
+    [
+        (None, ()), ("ended_on", ("timeout", "response")), ("timed_out", ("1", "0")),
+        ("trial.timedOut", ("True", "False")), ("outcome_word", ("Too slow!", "ok")),
+        ("missed", ("yes", "no")), ("status", ("no-response", "answered")),
+        ("end_reason", ("Response timeout", "keyboard")),
+    ],
+)  # fmt: skip
+def test_time_that_ran_out_is_no_wrong_answer(tmp_path, column, words):
+    path, late = late_table(tmp_path / "t.csv", column=column, words=words)
+    said = imported(path, "--map", "rt_s=duration:ms")
+    assert f"{360 - late} decisions" in said
+    assert f"left out without an answer: {late} rows" in said
+    if column is None:
+        kept = said.partition("--where '")[2].partition("'")[0]
+        assert "360 decisions" in imported(path, "--map", "rt_s=duration:ms", "--where", kept)
+    else:  # where the limit itself is no longer there
+        text = path.read_text().replace(",1500,", ",700,")
+        path.write_text(text)
+        assert f"{360 - late} decisions" in imported(path, "--map", "rt_s=duration:ms")
+
+
+@pytest.mark.parametrize("column", [None, "ended_on"])
+def test_the_longest_time_with_right_answers_is_a_time(tmp_path, column):
+    path, _ = late_table(tmp_path / "t.csv", column=column, right_at_limit=True)
+    assert "360 decisions" in imported(path, "--map", "rt_s=duration:ms")
+
+
+@pytest.mark.parametrize("step", [0.001, 0.05, 0.2])
+def test_honest_longest_times_are_no_limit(step):
+    draw = np.random.default_rng(5)
+    for _ in range(300):
+        times = draw.lognormal(-0.3, draw.uniform(0.2, 0.8), int(draw.integers(20, 600)))
+        times = pd.Series(step * np.ceil(times / step)).map("{:g}".format)
+        right = pd.Series(draw.random(len(times)) < draw.uniform(0.5, 1))
+        assert not at_limit(times, right, ~right).any()

@@ -12,7 +12,7 @@ from protocols.errors import StudyError
 from protocols.load import load_display
 from protocols.study_file.session_schema import Gaze
 from study_app.gaze.fixation import FixationMonitor
-from study_app.gaze.open_source import ReplaySource
+from study_app.gaze.open_source import ReplaySource, recorded
 from study_app.gaze.recording import load_recording
 from study_app.gaze.simulated import HUMAN, GazeBehaviour, GazeEvent, SimulatedGaze
 from study_app.gaze.source import GazeSample
@@ -396,3 +396,31 @@ def test_stamps_in_another_unit_are_refused_and_the_named_column_reads_them(
         load_recording(write(said))
     assert "Hz" in str(told.value)
     assert 3 <= load_recording(write(right)).rate_hz <= 20_000
+
+
+@pytest.mark.parametrize("lost", [0, -1, 1e8, -9999, 65535])
+@pytest.mark.parametrize("kind", ["csv", "asc"])
+def test_a_number_for_a_lost_eye_is_asked_about_and_the_answer_works(tmp_path, lost, kind):
+    rows = [(4 * k, 300 + k, 200) if k % 10 else (4 * k, lost, lost) for k in range(200)]
+    path = tmp_path / f"g.{kind}"
+    if kind == "csv":
+        lines = ["t_ms,x_px,y_px", *(f"{t},{x:g},{y:g}" for t, x, y in rows)]
+    else:
+        lines = ["SAMPLES GAZE LEFT RATE 250", *(f"{t} {x:.0f} {y:.0f} 900" for t, x, y in rows)]
+    path.write_text("\n".join([*lines, "END"][: len(lines) + (kind == "asc")]) + "\n")
+    with pytest.raises(StudyError, match=r"known or said to be unknown \(20 samples hold") as told:
+        recorded(str(path))
+    cure = str(told.value).partition("replay:")[2].partition(";")[0]
+    assert int(np.isnan(recorded(cure).x_px).sum()) == 20
+    if abs(lost) < 1e6:
+        assert not np.isnan(recorded(f"{path},unknown=none").x_px).any()
+    with pytest.raises(StudyError, match=r"a number as the file stores it, or none"):
+        recorded(f"{path},unknown=many")
+
+
+def test_gaze_that_rests_or_crosses_the_corner_is_not_asked_about(tmp_path):
+    path = tmp_path / "g.csv"
+    for x, y in ((200, lambda _: 200), (0, lambda k: k), (-100, lambda k: k - 100)):
+        rows = [f"{4 * k},{y(k) if x < 0 else x},{y(k)}" for k in range(200)]
+        path.write_text("\n".join(["t_ms,x_px,y_px", *rows]) + "\n")
+        assert not np.isnan(recorded(str(path)).x_px).any()
