@@ -88,7 +88,7 @@ def shifted(values: NDArray[np.float64], most: float = SINGLE) -> tuple[NDArray[
     return off, 1.0
 
 
-def grouped(texts: Sequence[str]) -> int | None:
+def point_between_thousands(texts: Sequence[str]) -> int | None:
     """Return the place of the first point between thousands, as in ``1.043`` beside ``350``.
 
     There is one, if every number with a point has three digits behind it and no 0 alone before it,

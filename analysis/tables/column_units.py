@@ -9,7 +9,7 @@ import pandas as pd
 from analysis.tables.words import NO, YES, among
 from protocols.columns import Column
 from protocols.errors import StudyError
-from protocols.plausible_numbers import MIXED, RANGES, SINGLE, grouped, shifted
+from protocols.plausible_numbers import MIXED, RANGES, SINGLE, point_between_thousands, shifted
 
 UNITS: dict[str, dict[str, float]] = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
@@ -112,7 +112,7 @@ def odd_one(
         Its label, what must hold, the cure, and whether it is too large. None: there is none.
     """
     bare = texts.str.strip().str.replace(_WITH_UNIT, r"\1", regex=True)[values.notna()]
-    if (place := grouped(bare.to_list())) is not None:
+    if (place := point_between_thousands(bare.to_list())) is not None:
         at = bare.index[place]
         cure = f"write {bare[at].replace('.', '')} for it, and the others so too"
         return at, "must have no mark between thousands", cure, False

@@ -6,7 +6,7 @@ import pytest
 from command_line import result_of
 
 from analysis.tables.unwanted_rows import at_limit
-from protocols.plausible_numbers import MIXED, SINGLE, grouped, shifted
+from protocols.plausible_numbers import MIXED, SINGLE, point_between_thousands, shifted
 
 run = result_of(catch_exceptions=False)
 
@@ -126,8 +126,8 @@ def test_honest_columns_pass(kind):
     for _ in range(400):
         values = HONEST[kind](draw, int(np.exp(draw.uniform(np.log(8), np.log(600)))))
         alarms += shifted(values, draw.choice([SINGLE, MIXED]))[0].any()
-        assert grouped([f"{one:.4g}" for one in values]) is None
-        assert grouped([f"{one:.3f}" for one in values]) is None
+        assert point_between_thousands([f"{one:.4g}" for one in values]) is None
+        assert point_between_thousands([f"{one:.3f}" for one in values]) is None
     assert alarms <= 2  # of 400; three or more come once in 100,000 where one in 2,000 is expected
 
 
@@ -139,7 +139,7 @@ def test_honest_columns_pass(kind):
     ],
 )  # fmt: skip
 def test_points_that_are_decimal_pass(texts):
-    assert grouped(texts) is None
+    assert point_between_thousands(texts) is None
 
 
 def late_table(path, *, seed=4, column=None, words=("timeout", "response"), right_at_limit=False):
