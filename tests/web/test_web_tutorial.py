@@ -68,7 +68,7 @@ def test_every_command_of_the_ten_steps_runs_in_their_order(chromium, lab):
         assert ("--check" in words) <= (not Path("sessions").exists())
     check, _, export, look, _, listed, report = said.values()
     assert re.search(r"on screens of at least \d+ x \d+ px, at [\d, ]+ or \d+ Hz", check)
-    assert re.search(r"per participant: [\d.]+ MB .* min", check)
+    assert re.search(r"per participant: about [\d.]+ MB .* min", check)
     assert "index.html?slot=0" in export
     assert look.count("imported completed") <= look.count(" completed") == 2
     assert listed.count("browser") == 2
