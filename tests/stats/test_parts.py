@@ -107,7 +107,7 @@ SAID = {
     "choice_models": {
         "section": "models",
         "caption": "Logit mixed models: crossed random intercepts",
-        "sentence": "blur over ours (large): b =",
+        "sentence": "ours over blur (large): b =",
         "methods": "Logit mixed models had",
         "tables": {"models.csv"},
         "figure": None,
