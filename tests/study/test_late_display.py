@@ -255,7 +255,9 @@ def test_a_late_display_is_refused_before_a_session_unless_the_study_tolerates_i
     text = text.replace("dropped_frames_max = 2", f"dropped_frames_max = {tolerated}")
     (tmp_path / "study.toml").write_text(text, encoding="utf-8")
     study = load_protocol(tmp_path / "study.toml")
-    write_manifest(tmp_path, virtual_manifest(study, display))
+    clips = tmp_path / "clips"
+    clips.mkdir()
+    write_manifest(clips, virtual_manifest(study, display))
 
     def presented(*_: object, **__: object) -> None:
         raise StudyError("presented")
@@ -265,7 +267,7 @@ def test_a_late_display_is_refused_before_a_session_unless_the_study_tolerates_i
     monkeypatch.setattr("study_app.run.Window", lambda *_, **__: SlowWindow(display, [4 / 60]))
     monkeypatch.setattr("study_app.run.Presenter", presented)
     words = ["session", "run", str(tmp_path / "study.toml"), "--participant", "P1", "--simulate"]
-    words += ["--stimuli", str(tmp_path), "--out", str(tmp_path / "sessions")]
+    words += ["--stimuli", str(clips), "--out", str(tmp_path / "sessions")]
     done = metamerlab(*words, "--software-pacing", status=None)
 
     assert (done.exit_code, said in done.stderr) == (2, True), done.output
