@@ -75,5 +75,5 @@ def test_a_share_of_one_changes_no_hash():
 
 
 def test_a_share_of_what_cannot_be_shared_is_refused():
-    with pytest.raises(ValueError, match=r"web.share: must be left out .* \('garden' alone\)"):
+    with pytest.raises(ValueError, match=r"web.share: must be left out .* \(got 'garden' alone\)"):
         shared("demo", 0.5, scenes=("garden",))

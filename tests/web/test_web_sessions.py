@@ -14,7 +14,7 @@ from study_app.web.import_lines import import_results
 from study_app.web.read_results import read_web_results
 
 WINDOW = {"window_px": [1920, 1080], "device_pixel_ratio": 1.25, "scale": 1, "full_screen": True}
-SMALL = WINDOW | {"window_px": [300, 120]}
+SMALL = WINDOW | {"window_px": [300, 60]}
 FAULTS = {"missed": 0.03, "paused": 0.002, "disturbed": 0.002}
 
 
@@ -179,7 +179,7 @@ def test_lines_of_pages_that_looked_at_the_window_once_are_believed_by_that_look
     lines[0]["machine"] |= SMALL
     (refused,) = brought_home(of, told(lines), tmp_path / "small")
     assert "the window must show" in refused.message
-    assert "window of 300 x 120 px, device ratio 1.25, scale 1, in full screen" in refused.message
+    assert "window of 300 x 60 px, device ratio 1.25, scale 1, in full screen" in refused.message
 
 
 def test_each_change_of_the_window_is_noted_before_its_attempt(kernel, case, tmp_path):
