@@ -27,6 +27,7 @@ PAGE = """
   const middle = (what) => {
     if (!what || what.seen) return null;
     what.seen = true;
+    what.scrollIntoView({ block: "center" });
     const box = what.getBoundingClientRect();
     return [box.x + box.width / 2, box.y + box.height / 2];
   };

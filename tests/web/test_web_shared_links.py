@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import zipfile
 
 import pytest
@@ -63,10 +64,13 @@ def imported(lab, results, *options):
         "--stimuli", lab / "clips", "--sessions", *options, status=None
     )  # fmt: skip
     assert done.exit_code == 0, done.output
+    rows = re.split(
+        r"\n(?=\S)", done.output
+    )  # a long message goes on in lines that begin with spaces
     return {
         words[0]: " ".join(words)
-        for line in done.output.splitlines()
-        if (words := line.split()) and words[0] in CODES
+        for row in rows
+        if (words := row.split())[:1] and words[0] in CODES
     }
 
 
