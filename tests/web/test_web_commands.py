@@ -195,7 +195,7 @@ def test_results_come_home_by_a_command_from_archives_of_both_layouts(exported, 
     metamerlab(*words, "--check")
     assert not (tmp_path / "sessions").exists()
     done = metamerlab(*["--out" if word == "--sessions" else word for word in words])
-    rows = [line.split()[:2] for line in done.output.splitlines() if line.startswith("W")]
+    rows = [line.split()[:2] for line in done.output.splitlines() if line[:2].strip()[:1] == "W"]
     assert rows == [
         ["W1", "imported"],
         ["W2", "imported"],

@@ -64,9 +64,7 @@ def imported(lab, results, *options):
         "--stimuli", lab / "clips", "--sessions", *options, status=None
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    rows = re.split(
-        r"\n(?=\S)", done.output
-    )  # a long message goes on in lines that begin with spaces
+    rows = re.split(r"\n(?= ?\S)", done.output)  # a long message goes on further in
     return {
         words[0]: " ".join(words)
         for row in rows
