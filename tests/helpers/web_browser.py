@@ -305,3 +305,13 @@ def whole(browser: Browser, site: Site, *scripts: str, **how: Any) -> None:
 def said(lines: list[str], kind: str) -> list[Mapping[str, Any]]:
     """Return the lines of a kind, those that came twice once."""
     return [line for line in map(json.loads, dict.fromkeys(lines)) if line["kind"] == kind]
+
+
+def started(browser: Browser, site: Site) -> Mapping[str, Any]:
+    """Return the line of the start, once it came: it stays, however soon the session is over."""
+    end = time.monotonic() + 60
+    while not (lines := said(site.lines, "start")):
+        assert time.monotonic() < end, f"{browser.text()!r}, errors {browser.errors}"
+        time.sleep(0.02)
+    (line,) = lines
+    return line

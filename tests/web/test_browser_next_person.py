@@ -8,7 +8,7 @@ import pytest
 from chromium import BrowserError
 from study_texts import short_study
 from task_cases import PREFERENCE, TRIAL
-from web_browser import begin, said, served, until
+from web_browser import begin, served, started, until
 from web_study import BuiltWebStudy, brought_home, built, for_browsers
 
 from protocols.feasibility import session_duration_s
@@ -233,8 +233,7 @@ def test_no_link_makes_a_session_simulated(chromium, of):
     for driven, person in (("window.metamerlabSimulated = true;", False), ("", True)):
         with served(of.out) as site:
             begin(chromium, site, driven, page=page)
-            until(chromium, "document.querySelector('canvas')?.dataset.phase")
-            (start,) = said(site.lines, "start")
+            start = started(chromium, site)
             assert start["machine"]["simulated"] is not person
             chromium.close()
 

@@ -4,7 +4,7 @@ import json
 import time
 
 import pytest
-from web_browser import begin, said, served, until, whole
+from web_browser import begin, served, started, until, whole
 from web_study import brought_home
 
 from protocols.journal import SessionResume
@@ -150,8 +150,7 @@ def test_slots_of_a_batch_are_given_once_whoever_comes_between(chromium, case):
         with served(case("yes-no").out) as site:
             site.rivals, site.batch, site.version = rivals, batch, version
             begin(chromium, site, page="index.html")
-            until(chromium, "document.querySelector('canvas')?.dataset.phase")
-            (start,) = said(site.lines, "start")
+            start = started(chromium, site)
             assert (start["slot_from"], site.rivals) == ("batch", 0)
             slots.append(start["slot"])
             batch, version = site.batch, site.version

@@ -1,7 +1,7 @@
 """The window is watched before and in every attempt, and a device without keys is told so."""
 
 import pytest
-from web_browser import CLOCK, OBSERVER, begin, said, served, until
+from web_browser import CLOCK, OBSERVER, begin, said, served, started, until
 from web_study import brought_home, built, for_browsers
 
 from protocols.journal import Note
@@ -99,8 +99,7 @@ def test_a_window_that_is_too_small_at_the_gate_is_waited_for(chromium, site):
     assert chromium.text().startswith("This window is too small. It must be at least")
     assert site.lines == []
     chromium.resize((1920, 400))
-    until(chromium, "document.querySelector('canvas')?.dataset.phase")
-    (start,) = said(site.lines, "start")
+    start = started(chromium, site)
     assert start["machine"]["window_px"] == [1920, 400]
 
 
