@@ -272,6 +272,7 @@ def two_way_of_first(chosen: Floats, shown: Floats, people: Sequence[int]) -> Cl
         scene=np.maximum(var_scene, 0.0),
         cell=np.maximum(var_cell, 0.0),
         persons=persons,
+        scenes=np.full_like(persons, scenes),
         person_df=persons - 1.0,
         scene_df=np.full_like(persons, scenes - 1.0),
     )
@@ -340,6 +341,8 @@ def two_way_difference(
             with np.errstate(divide="ignore", invalid="ignore"):
                 welch = np.where(spread > 0, variance**2 / spread, df)
             changed |= {way: variance, f"{way}_df": welch}
+        if "scene" in apart:
+            changed["scenes"] = np.asarray(own[0]["scenes"] + own[1]["scenes"] - 1.0)
         parts = replace(parts, **changed)
     return _estimated(estimate, parts, least)
 
@@ -362,7 +365,8 @@ class Variances:
     ----------
     person, scene, cell : ndarray
         Between participants, between scenes (0 where there is one), within cells.
-    persons : ndarray
+    persons, scenes : ndarray
+        How many there are; of two samples of scenes, how many one sample of as many degrees has.
     person_df, scene_df : ndarray
         One less than how many there are, where all were seen equally often (`weighted_df`).
     """
@@ -371,6 +375,7 @@ class Variances:
     scene: Floats
     cell: Floats
     persons: Floats
+    scenes: Floats
     person_df: Floats
     scene_df: Floats
 
@@ -418,7 +423,7 @@ def _variances(residual: Floats, shown: Floats, squared: Floats) -> Variances:
     person_shift = by_person / np.maximum(shown_person, 1.0)
     scene_shift = by_scene / np.maximum(shown_scene, 1.0)
     residual -= shown * (person_shift[..., :, None] + scene_shift[..., None, :])
-    several = scene_df > 0
+    several = scenes > 1.0
     var_person = np.einsum("...p,...p->...", by_person, by_person) / squared * person_factor
     var_scene = np.einsum("...s,...s->...", by_scene, by_scene) / squared * scene_factor
     var_cell = np.einsum("...ps,...ps->...", residual, residual) / squared
@@ -429,6 +434,7 @@ def _variances(residual: Floats, shown: Floats, squared: Floats) -> Variances:
         scene=np.where(several, var_scene, 0.0),
         cell=np.where(several, var_cell, 0.0),
         persons=persons,
+        scenes=scenes,
         person_df=person_df,
         scene_df=scene_df,
     )
@@ -451,7 +457,7 @@ def _combined(share: Floats, total: Floats, parts: Variances) -> ClusteredShare:
 
 def _two_way_variance(parts: Variances) -> tuple[Floats, Floats]:
     """Return the two-way variance and its degrees of freedom."""
-    few = (parts.scene_df > 0) & (parts.scene_df < FEW_SCENES - 1.0)
+    few = (parts.scenes > 1.0) & (parts.scenes < FEW_SCENES)
     # Two or three scenes that happen to agree say little: assume some variance between them,
     # and, where many people leave no other doubt, a share of what there is between people.
     free = np.maximum(parts.scene_df, 1.0)

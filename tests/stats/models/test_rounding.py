@@ -15,6 +15,7 @@ from analysis.models.trends import trend
 from analysis.power import first_reaching
 
 NOISE = 1e-15
+FIVE_SCENES = np.random.default_rng(4).binomial(2, 0.6, (12, 5)).astype(float)
 
 
 def _plateau(rng):
@@ -79,6 +80,7 @@ def _drawn(values):
         (lambda found: _as_large(found[1:], found[:1]), np.array([3.0, 3.0, 3.0, 2.0, 5.0])),
         (lambda curve: first_reaching([4, 6, 8], curve, 0.8), np.array([0.5, 0.8, 0.9])),
         (lambda shares: two_way(shares, np.full((4, 3), 2.0)).p_value(), np.ones((4, 3))),
+        (lambda seen: two_way(FIVE_SCENES, seen).p_value(), np.full((12, 5), 2.0)),
         (tied, np.array([0.0, 1.0, 0.0, 0.5, 0.5])),
     ],
 )
@@ -91,6 +93,19 @@ def test_noise_of_rounding_moves_no_p(judged, values):
         np.testing.assert_allclose(
             np.asarray(judged(values + noise)), expected, rtol=1e-6, atol=1e-12
         )
+
+
+def test_a_lost_trial_of_five_scenes_tips_no_rule():
+    """Counted by weight, five scenes were fewer than five once a trial was lost."""
+    rng = np.random.default_rng(0)
+    taste = 0.5 + rng.normal(0.0, 0.6, (1000, 12, 1)) + rng.normal(0.0, 0.5, (1000, 1, 5))
+    chosen = rng.binomial(2, 1.0 / (1.0 + np.exp(-taste))).astype(float)
+    shown = np.full((1000, 12, 5), 2.0)
+    whole = two_way(chosen, shown).p_value()
+    shown[:, 0, 0], chosen[:, 0, 0] = 1.0, np.minimum(chosen[:, 0, 0], 1.0)
+    lost = two_way(chosen, shown).p_value()
+
+    assert abs((lost < 0.05).mean() - (whole < 0.05).mean()) < 0.005
 
 
 def test_draws_that_are_0_count_half_on_either_side():
