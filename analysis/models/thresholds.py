@@ -118,25 +118,25 @@ def fit_thresholds(
     gap = float(np.diff(np.unique(scaled)).min())
     steepest = np.append(np.full(len(names), np.inf), span(response) / (NARROWEST * gap))
     start, person = _pooled(design, y, response), places.person
-    fit = fit_people(
-        design, y, person, condition, response=response, start=start, steepest=steepest
-    )
     groups = places.several if scenes else {"participant": person}
+    kinds = _kinds(groups, condition)
+    alone = len(names) > 1 and "participant" + IN_CONDITION not in kinds
+    within = np.zeros_like(condition) if alone else condition
+    fit = fit_people(design, y, person, within, response=response, start=start, steepest=steepest)
+    if alone:
+        seen = np.full((len(places.participants), len(names)), np.nan)
+        seen[person, condition] = fit.own[person, 0]
+        fit = replace(fit, own=seen)
     over_scenes = None
     if len(groups) > 1:
         over_scenes = _over_scenes(fit, design, y, groups, condition, response, steepest)
         fit = over_scenes or fit
-    kinds = _kinds(groups, len(names))
     notes = _notes(fit, len(places.participants))
     if len(groups) > 1 and over_scenes is None and fit.converged:
         groups = {"participant": person}
         notes.append("no model of scenes could be fitted: thresholds are about these scenes")
     typical = abs(float(fit.beta[-1]))
     sd = dict(zip(kinds, (fit.sd * spread / typical).tolist(), strict=False))
-    alone = len(names) > 1 and one_condition(person, condition)
-    if alone:  # nothing tells both deviations apart
-        own = "participant" + IN_CONDITION
-        sd |= {"participant": float(np.hypot(sd["participant"], sd[own])), own: 0.0}
     crossed = CrossedDesign.of(condition, groups, sd)
     population = Population(
         names=tuple(names),
@@ -257,12 +257,12 @@ def _pooled(design: Floats, y: Floats, response: ResponseFunction) -> Floats:
     return np.asarray(min(found, key=lambda one: float(one.fun)).x, dtype=np.float64)
 
 
-def _kinds(groups: Mapping[str, Ints], conditions: int) -> list[str]:
-    """Return the random effects: of each group, and of each in one condition."""
+def _kinds(groups: Mapping[str, Ints], condition: Ints) -> list[str]:
+    """Return the random effects: of each group, and of each in one condition if it saw several."""
     return [
         name + where
-        for name in groups
-        for where in (("", IN_CONDITION) if conditions > 1 else ("",))
+        for name, code in groups.items()
+        for where in (("",) if one_condition(code, condition) else ("", IN_CONDITION))
     ]
 
 
@@ -278,17 +278,17 @@ def _over_scenes(
     """Return the model with scenes, too; None where no search finds a maximum."""
     person = groups["participant"]
     count = people.own.shape[1]
-    codes = []
-    for kind in _kinds(groups, count):
+    kinds, codes = _kinds(groups, condition), []
+    for kind in kinds:
         code = groups[kind.removesuffix(IN_CONDITION)]
         if kind.endswith(IN_CONDITION):
             code = np.unique(code * count + condition, return_inverse=True)[1].ravel()
         codes.append(code.astype(np.int64))
     if response.lapse is None:
         response = replace(response, lapse=people.lapses[person])
+    known, others = np.maximum(people.sd, 0.1), np.ones(len(kinds) - people.sd.size)
     for sd in STARTS:
-        deviations = np.concatenate([np.maximum(people.sd, 0.1), np.full(people.sd.size, sd)])
-        begin = np.concatenate([people.beta, deviations, response.start()])
+        begin = np.concatenate([people.beta, known, sd * others, response.start()])
         fit = fit_crossed(design, y, codes, response=response, start=begin, steepest=steepest)
         if fit.converged:
             break
@@ -296,14 +296,14 @@ def _over_scenes(
         return None
     own = np.full(people.own.shape, np.nan)
     own[person, condition] = fit.random[0][person]
-    if count > 1:
+    if people.sd.size > 1:
         own[person, condition] += fit.random[1][codes[1]]
     # Lapse rates are those of the other model.
-    known, rates = fit.covariance.shape[0], people.rates[response.fitted :]
-    covariance = np.zeros((known + rates.size, known + rates.size))
-    covariance[:known, :known] = fit.covariance
+    size, rates = fit.covariance.shape[0], people.rates[response.fitted :]
+    covariance = np.zeros((size + rates.size, size + rates.size))
+    covariance[:size, :size] = fit.covariance
     if rates.size:
-        covariance[known:, known:] = people.covariance[-rates.size :, -rates.size :]
+        covariance[size:, size:] = people.covariance[-rates.size :, -rates.size :]
     return replace(
         people,
         beta=fit.beta,

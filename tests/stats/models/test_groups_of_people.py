@@ -5,11 +5,12 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 
 from analysis.models.contrasts import CrossedDesign, Effect, between_df
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import rating_model
+from analysis.models.psychometric import CurveForm
 from analysis.models.thresholds import fit_thresholds
 
 PEOPLE = 6
@@ -80,3 +81,57 @@ def test_thresholds_of_groups_have_one_deviation_of_people():
     assert model.interaction_sd == 0.0
     assert model.participant_sd == pytest.approx(1.0, abs=0.6)
     assert model.contrasts[0].df == pytest.approx(PEOPLE - 2)
+
+
+LEVELS = np.linspace(-1.5, 2.5, 5)
+LAPSE = 0.02
+TIGHT = {"xatol": 1e-5, "fatol": 1e-8, "maxiter": 4000}
+
+
+def _curve(x):
+    return 0.5 + (0.5 - LAPSE) * stats.norm.cdf(x)
+
+
+def _two_groups(seed: int, scene_sd: float = 0.0) -> pd.DataFrame:
+    """Sixteen people, a group each, who answer eight times at five levels."""
+    rng = np.random.default_rng(seed)
+    rows = pd.DataFrame(
+        product(range(16), LEVELS, range(8)), columns=["participant", "level", "again"]
+    )
+    rows["scene"], rows["group"] = rows["again"] % 4, rows["participant"] % 2
+    threshold = 0.4 + rng.normal(0.0, 0.6, 16)[rows["participant"]]
+    threshold += rng.normal(0.0, scene_sd, 4)[rows["scene"]] if scene_sd else 0.0
+    right = _curve((rows["level"] - threshold) / 0.75)
+    return rows.assign(correct=(rng.random(len(rows)) < right).astype(int))
+
+
+@pytest.mark.parametrize("seed", [100, 102])
+def test_thresholds_of_two_groups_are_those_of_one_deviation_of_people(seed):
+    """A quadrature of its own: the likelihood once had no maximum for two deviations."""
+    rows = _two_groups(seed)
+    model = fit_thresholds(rows, "level", ("group",), CurveForm(guess=0.5, lapse=LAPSE))
+    cells = rows.pivot_table(index="participant", columns="level", values="correct", aggfunc="sum")
+    right, nodes = cells.to_numpy(), np.linspace(-6.0, 6.0, 121)
+    weight = stats.norm.pdf(nodes) * (nodes[1] - nodes[0])
+
+    def loss(theta):
+        middle = theta[np.arange(16) % 2, None] + theta[3] * nodes
+        p = _curve((LEVELS - middle[..., None]) / np.exp(theta[2]))
+        each = (right[:, None] * np.log(p) + (8 - right)[:, None] * np.log1p(-p)).sum(axis=-1)
+        return -float(np.log(np.exp(each) @ weight).sum())
+
+    best = optimize.minimize(loss, [0.2, 0.2, -0.3, 0.6], method="Nelder-Mead", options=TIGHT)
+    assert model.log_likelihood == pytest.approx(-best.fun, abs=0.01)
+    assert [one.value for one in model.thresholds] == pytest.approx(best.x[:2], abs=0.02)
+    assert model.participant_sd == pytest.approx(abs(best.x[3]), rel=0.05)
+    assert model.interaction_sd == 0.0
+
+
+@pytest.mark.parametrize("scenes", [False, True])
+def test_thresholds_of_two_groups_have_limits_with_fitted_lapses_and_scenes(scenes):
+    for seed in range(100, 104):
+        rows = _two_groups(seed, 0.3 * scenes)
+        model = fit_thresholds(rows, "level", ("group",), CurveForm(guess=0.5), scenes=scenes)
+        assert model.warnings == ()
+        assert all(one.lower < one.value < one.upper for one in model.thresholds)
+        assert model.contrasts[0].df < 15
