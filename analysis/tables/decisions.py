@@ -7,6 +7,7 @@ from analysis.data_dictionary import frame
 from analysis.models.contrasts import check_conditions
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.trials import confidence_of, given_columns
+from analysis.tables.unanswered import leave_out_unanswered
 from analysis.tables.words import CHOSE_FIRST, CHOSE_SECOND, FIRST, SECOND, TIES, among, missing
 from protocols.columns import Column, decided
 from protocols.tasks.confidence_question import CONFIDENCE
@@ -45,7 +46,7 @@ def read_decisions(source: Source) -> pd.DataFrame:
     answers = [column for column in ("chosen", "chose_first") if column in table.rows]
     table.need([*lacking, *([] if answers else ["chosen (or chose_first)"])])
     check_conditions(len({*table.rows["first"], *table.rows["second"]}))
-    table.answered(answers, {*table.rows["first"], *table.rows["second"]}, "decision")
+    leave_out_unanswered(table, answers, {*table.rows["first"], *table.rows["second"]}, "decision")
     given = table.rows
     rows = pd.DataFrame(
         {name: table.take(name) for name in ("participant", *PAIR)}, index=given.index

@@ -8,6 +8,7 @@ import pandas as pd
 from analysis.tables.decisions import by_place, refuse_equals
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.table_files import shortened
+from analysis.tables.unanswered import leave_out_unanswered
 from analysis.tables.words import TIES, among
 from protocols.errors import StudyError, did_you_mean
 
@@ -63,7 +64,7 @@ def read_ratings(
         )
     table.only_main()
     words = {*table.rows["first"], *table.rows["second"]} if chosen else set(scale)
-    table.answered([rated], words, "rating")
+    leave_out_unanswered(table, [rated], words, "rating")
     given = table.rows
     scene = ("scene",) if "scene" in given else ()
     rows = pd.DataFrame(

@@ -14,18 +14,7 @@ from analysis.tables import unwanted_rows as row_checks
 from analysis.tables.counts import Counted
 from analysis.tables.spreadsheet import DateText
 from analysis.tables.table_files import FIRST_LINE, counted_lines, rows_of, shortened
-from analysis.tables.words import (
-    ANSWERED,
-    NO,
-    SUMMARY,
-    UNANSWERED,
-    YES,
-    among,
-    ended,
-    means,
-    missing,
-    plain,
-)
+from analysis.tables.words import NO, SUMMARY, YES, among, means, missing
 from protocols.columns import COMMON_COLUMNS, attempted, decided
 from protocols.errors import StudyError, count_of, did_you_mean
 from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
@@ -35,8 +24,6 @@ from protocols.tasks.single import ANSWER_COLUMNS
 LARGEST_WHOLE = 2**53
 """Beyond, tables of numbers do not tell neighbours apart."""
 DAY_S = 86_400.0
-_MANY = 5
-"""Fewest wrong answers of which a person surely gave some."""
 BY_IMPORT = "metamerlab analysis import TABLE "
 """Command that tells columns and rows, for commands without --map and --where."""
 OURS = {
@@ -63,6 +50,8 @@ class Table:
         Texts. Of a file the index is the line minus 2.
     notes : list of str
         What was left out or changed; readers add to it.
+    filtered, bounded : set of str, set of tuple of str
+        Columns of conditions, and those with a bound of their own, with its ``<`` or ``>``.
     """
 
     def __init__(
@@ -110,8 +99,8 @@ class Table:
             for place, name in enumerate(found.header)
         }
         self._mapping: dict[str, str] = {}
-        self._filtered: set[str] = set()
-        self._bounded: set[tuple[str, str]] = set()
+        self.filtered: set[str] = set()
+        self.bounded: set[tuple[str, str]] = set()
         self._source = self.rows
         self._units: dict[str, str] = {}  # of each column that was renamed, as said or taken
         self._refuse_doubled(mapping or {})
@@ -198,87 +187,6 @@ class Table:
                 why = f", {other}" if column == "kind" else ", not included"
                 self.leave_out(self.rows[column].str.strip() == other, why)
 
-    def answered(
-        self,
-        columns: Sequence[str],
-        answers: Collection[str] = (),
-        noun: str = "answer",
-        *,
-        each: bool = False,
-    ) -> None:
-        """Leave out rows that nobody answered; no answer is never a wrong one.
-
-        Parameters
-        ----------
-        columns : sequence of str
-            Those that hold the answer; one of them is enough, with `each` none may be missing.
-        answers : collection of str
-            Words that are answers, though they may mean missing elsewhere.
-        noun : str
-            What a row is.
-        """
-        words = {one.strip().casefold() for one in answers}
-        rows = self.rows
-        blank = [missing(rows[name], words) for name in columns]
-        none = pd.Series(False, rows.index)
-        if blank:
-            together = pd.concat(blank, axis=1)
-            none = together.any(axis=1) if each else together.all(axis=1)
-        late = pd.Series(False, rows.index)
-        right = among(rows["correct"], YES) if "correct" in rows else late
-        wrong = among(rows["correct"], NO) if "correct" in rows else late
-        for name in map(str, rows.columns):
-            timed = means(name, OURS["rt_s"])
-            last = plain(name.rpartition(".")[2])
-            if last in UNANSWERED | ANSWERED:
-                says = YES if last in UNANSWERED else NO
-                empty, judged = among(rows[name], says), ~right
-            elif timed or means(name, OURS["answer"]):
-                empty, judged = missing(rows[name], words), wrong
-                if timed:
-                    empty |= pd.to_numeric(rows[name], errors="coerce") <= 0
-                    if (name, "<") not in self._bounded:
-                        empty |= self._at_limit(name, right, wrong)
-            elif name not in {*columns, *COMMON_COLUMNS} and right.any():
-                empty, judged = ended(rows[name]), ~right
-                if (empty & right).any():
-                    continue
-            else:
-                continue
-            # A column that is empty where answers were right does not tell.
-            if "correct" in self._filtered:
-                continue
-            if not (empty & right).any():
-                if name not in columns and wrong.sum() >= _MANY and not (wrong & ~empty).any():
-                    raise StudyError(
-                        f"{self.path}: {name} must say of wrong answers, too, when they came (it is"
-                        f" empty in all {int(wrong.sum())} rows that count as wrong); if nobody"
-                        f" answered these, leave them out with {self.cure('--where')}"
-                        f" '{name}!=none', else keep them with --where 'correct!=none'"
-                    )
-                late |= empty & judged
-            elif (empty & wrong).any() and 2 * (empty & right).sum() < right.sum():
-                self.notes.append(
-                    f"{name} is empty in {count_of(int((empty & right).sum()), 'row')} of right"
-                    f" answers: the {int((empty & wrong).sum())} of wrong ones were kept"
-                )
-        self.leave_out(none | late, " without an answer")
-        if self.rows.empty:
-            why = "the table has no rows" if rows.empty else self.notes[-1]
-            raise StudyError(f"{self.path}: must hold at least one {noun} ({why})")
-
-    def _at_limit(self, name: str, right: pd.Series, wrong: pd.Series) -> pd.Series:
-        """Return True where a time is the limit, and note it."""
-        last = row_checks.at_limit(self.rows[name], right, wrong)
-        if last.any():
-            held = self.rows[name][last].iloc[0]
-            self.notes.append(
-                f"{name} is {held}, the longest, in {count_of(int(last.sum()), 'row')}, all wrong:"
-                " taken for the time limit, without an answer; if they are answers, say"
-                f" {self.cure('--where')} '{name}<={held}'"
-            )
-        return last
-
     @property
     def imported(self) -> bool:
         """True if all columns are of use, as an import keeps them; else one question's."""
@@ -291,7 +199,7 @@ class Table:
         """
         if own:
             return
-        useful = {*filter(None, names), *self._filtered}
+        useful = {*filter(None, names), *self.filtered}
         for ours, theirs in self._mapping.items():
             if ours not in useful:
                 listed = sorted(useful)
@@ -326,7 +234,7 @@ class Table:
         self._refuse_cells(column, "a name", "text")
         self.refuse(values == "", f"{column} must not be empty")
         dates, all_of_them = row_checks.spoilt(values)
-        if dates.any() and not all_of_them and column not in self._filtered:
+        if dates.any() and not all_of_them and column not in self.filtered:
             at = dates.index[dates][0]
             rows = count_of(int(dates.sum()), "row")
             self.refuse(
@@ -370,7 +278,7 @@ class Table:
         Codes such as 999 are refused, with `rare` (ratings) all rare values far from the others.
         """
         values = self._numbers(column)
-        if column not in self._filtered:
+        if column not in self.filtered:
             self._refuse_codes(column, values, rare=rare)
         self._refuse_unit(column, values)
         if not rare:
@@ -508,9 +416,9 @@ class Table:
                 f"{option}: must leave a row ({name} holds {', '.join(some[:8])}"
                 f"{' ...' * (len(some) > 8)}){did_you_mean(wanted, some)}"
             )
-        self._filtered.add(name)
+        self.filtered.add(name)
         if wanted not in ("0", "none"):
-            self._bounded.add((name, sign[0]))
+            self.bounded.add((name, sign[0]))
         if kept.all():
             self.notes.append(f"{option} leaves no row out")
         self.leave_out(~kept, f" by {option}")
@@ -589,7 +497,7 @@ class Table:
             return
         at, must, cure, large = found
         sign = "<" if large else ">"
-        if (column, sign) in self._bounded:
+        if (column, sign) in self.bounded:
             return
         bound = values.max() if large else values.min()
         raise StudyError(

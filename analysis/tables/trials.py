@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.tables.table import Source, Table, opened
+from analysis.tables.unanswered import leave_out_unanswered
 from analysis.tables.words import missing
 from protocols.columns import Column, decided
 from protocols.errors import StudyError, count_of
@@ -66,7 +67,7 @@ def read_trials(
     held = [name for name in ("answer", "correct") if name in table.rows]
     held = held if "correct" in held or "expected" in table.rows else []
     shown = set(table.rows["expected"]) if "expected" in table.rows else set()
-    table.answered(held, shown, "trial")
+    leave_out_unanswered(table, held, shown, "trial")
     given = table.rows
     rows = pd.DataFrame(index=given.index)
     for column in ("participant", *(["scene"] if "scene" in given else [])):
@@ -133,7 +134,9 @@ def read_times(source: Source, *, by: str | None = None) -> pd.DataFrame:
     table.need([name for name in ("rt_s", *conditions) if name not in table.rows])
     table.only_main()
     judged = "correct" in table.rows or {"expected", "answer"} <= set(table.rows)
-    table.answered(("rt_s", *(["correct"] if "correct" in table.rows else [])), each=True)
+    leave_out_unanswered(
+        table, ("rt_s", *(["correct"] if "correct" in table.rows else [])), each=True
+    )
     kept = ["participant", "scene", *conditions, "order", "rt_s", "simulated", "remote"]
     if judged:
         rows = read_trials(table, conditions=conditions, own=False)

@@ -60,24 +60,6 @@ def spoilt(values: pd.Series) -> tuple[pd.Series, bool]:
     return values.isin(dates), len(dates) == len(unique)
 
 
-def at_limit(times: pd.Series, right: pd.Series, wrong: pd.Series) -> pd.Series:
-    """Return True where a time is a limit that ran out: the longest, again and again, never right.
-
-    It comes at least five times and more than three times as often as any of the five times below
-    it: times thin out towards the longest. That all of these are wrong comes by chance less than
-    once in a thousand, at the others' share of wrong answers.
-    """
-    numbers = pd.to_numeric(times, errors="coerce").astype(float)
-    counts = numbers.value_counts().sort_index(ascending=False)
-    last = numbers == (counts.index[0] if len(counts) else np.nan)
-    often = int(last.sum())
-    if len(counts) <= _RUN or often < _RUN or often <= 3 * counts.iloc[1 : _RUN + 1].max():
-        return last & False
-    others = (wrong & ~last).sum() + 1, ((wrong | right) & ~last).sum() + 2
-    chance = (others[0] / others[1]) ** often
-    return last & bool((wrong | ~last).all() and chance < 1e-3)
-
-
 def look_alike(values: Iterable[str], *, codes: bool) -> list[list[str]]:
     """Return names that a person would take for one; of codes also ``1`` and ``P01``."""
     groups: dict[str, list[str]] = {}
