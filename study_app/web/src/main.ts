@@ -5,7 +5,7 @@ import { LineLog, type Begun } from "./kernel/lines";
 import { FileError, fetched, Files, sha256 } from "./stage/files";
 import { checkDevice, checkKeys, machineOf, measuredRate, nearestRate, Refusal } from "./stage/gate";
 import { copyLink, firstPage, withdrawal } from "./stage/first_page";
-import { button, lineOf, showNote } from "./stage/note";
+import { button, lineOf, showNote, showParts } from "./stage/note";
 import { Screen } from "./stage/screen";
 import { fillScreen, View } from "./stage/view";
 import { filled, wordsOf, type Words } from "./stage/words";
@@ -143,14 +143,11 @@ function storeOf({ jatos, link }: Options, study: WebStudy, told?: Told): Copyin
 /** Wait until no other tab has this link. */
 async function held(store: CopyingStore, pages: HTMLElement, words: Words, jatos?: Jatos): Promise<Hold> {
   const waits = (ask: () => void) => {
-    showNote(pages, words.busy);
-    const here = button(words.here);
-    here.addEventListener("click", () => {
+    const here = button(words.here, "next", () => {
       here.disabled = true;
       ask();
     });
-    pages.append(here);
-    pages.dataset["page"] = "busy";
+    showParts(pages, "busy", lineOf(words.busy), here);
   };
   const leaves = async () => {
     await store.close();

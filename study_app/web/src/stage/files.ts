@@ -108,6 +108,23 @@ async function twice<T>(load: (again: boolean) => Promise<T>): Promise<T> {
   }
 }
 
+/** What was loaded of a pack before; else load it. Whoever waits is told of a failure, and another try begins anew. */
+function once<T>(
+  name: string,
+  there: Map<string, Promise<T>>,
+  packs: Readonly<Record<string, Pack>>,
+  load: (pack: Pack) => Promise<T>,
+): Promise<T> {
+  const found = there.get(name);
+  if (found) return found;
+  const pack = packs[name];
+  if (!pack) throw new FileError(`${name} is none of the study's packs`);
+  const loading = load(pack);
+  there.set(name, loading);
+  loading.catch(() => there.delete(name));
+  return loading;
+}
+
 export class Files {
   /** Called as the line goes down, and as it comes back: whoever waits for files says so. */
   heard: () => void = () => undefined;
@@ -128,15 +145,7 @@ export class Files {
 
   /** The frames of a stimulus, checked and decoded; kept until `keep` lets them go. */
   frames(name: string): Promise<ImageBitmap[]> {
-    const there = this.packs.get(name);
-    if (there) return there;
-    const pack = this.study.stimuli[name];
-    if (!pack) throw new FileError(`${name} is none of the study's stimuli`);
-    const loading = this.load(name, pack);
-    this.packs.set(name, loading);
-    // Whoever waits is told; another try begins anew.
-    loading.catch(() => this.packs.delete(name));
-    return loading;
+    return once(name, this.packs, this.study.stimuli, (pack) => this.load(name, pack));
   }
 
   /** Let go of all stimuli but these. */
@@ -179,14 +188,7 @@ export class Files {
   }
 
   private sharedPieces(name: string): Promise<ArrayBuffer[]> {
-    const there = this.shared.get(name);
-    if (there) return there;
-    const pack = this.study.shared[name];
-    if (!pack) throw new FileError(`${name} is none of the study's packs`);
-    const loading = this.pieces(name, pack);
-    this.shared.set(name, loading);
-    loading.catch(() => this.shared.delete(name));
-    return loading;
+    return once(name, this.shared, this.study.shared, (pack) => this.pieces(name, pack));
   }
 
   /** A frame, decoded: one piece, or put together of several, row by row. */

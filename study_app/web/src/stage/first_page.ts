@@ -1,7 +1,7 @@
 /** The first page: what the study asks of a participant, and whose session it is that goes on. */
 import type { WebStudy } from "../kernel/formats";
 import type { CopyingStore, JatosStore, LocalStore } from "../store/stores";
-import { button, lineOf, showNote } from "./note";
+import { button, lineOf, showNote, showParts } from "./note";
 import { filled, type Words } from "./words";
 
 /** Show the first page; true once a participant begins or goes on, false where nobody does. */
@@ -17,7 +17,9 @@ export async function firstPage(
   const known = goesOn ? words.underWay : over ? words.used : null;
   const buttons = document.createElement("nav");
   const place = local ? words.storedHere : words.storedServer;
-  pages.replaceChildren(
+  showParts(
+    pages,
+    "gate",
     lineOf(study.title, "h1"),
     known === null ? facts(study, language, words, place) : lineOf(known),
     buttons,
@@ -28,19 +30,15 @@ export async function firstPage(
     const link = copyLink(words.saveLeft, `${study.study}-earlier`, left, words, forget);
     pages.append(lineOf(words.othersLeft), link);
   }
-  pages.dataset["page"] = "gate";
-  pages.hidden = false;
   return new Promise((resolve, reject) => {
     const end = (note: string) => {
       showNote(pages, note);
       resolve(false);
     };
-    const start = button(goesOn ? words.resume : words.start);
-    start.addEventListener("click", () => {
+    const start = button(goesOn ? words.resume : words.start, "next", () => {
       resolve(true);
     });
-    const other = button(words.someoneElse, "other");
-    other.addEventListener("click", () => {
+    const other = button(words.someoneElse, "other", () => {
       other.disabled = true;
       const next = () => {
         if (local) location.reload(); // a lab's own screens begin anew, too
@@ -62,19 +60,19 @@ export function withdrawal(
   store: LocalStore | JatosStore,
   done: () => void,
 ): HTMLButtonElement {
-  const made = button(words.withdraw, "withdraw");
-  const now = () => {
+  let asked = false;
+  const made = button(words.withdraw, "withdraw", () => {
+    if (!asked) {
+      asked = true;
+      made.textContent = words.sure;
+      return;
+    }
     made.disabled = true;
     store.withdraw().then(done, (error: unknown) => {
       made.disabled = false;
       made.textContent = filled(words.broken, { why: String(error) });
     });
-  };
-  const ask = () => {
-    made.textContent = words.sure;
-    made.addEventListener("click", now);
-  };
-  made.addEventListener("click", ask, { once: true });
+  });
   return made;
 }
 

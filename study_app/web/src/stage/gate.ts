@@ -2,13 +2,15 @@
 import type { BrowserWindow, Machine, RefreshRate, WebStudy } from "../kernel/formats";
 import { Pacer } from "../kernel/pacing";
 import { keyName } from "./keys";
-import { button, lineOf } from "./note";
+import { button, lineOf, showParts } from "./note";
 import { filled, type Words } from "./words";
 
 const REFRESHES = 300;
 /** Largest distance of a measured rate from one of the study's, as a share. */
 const NEAR_SHARE = 0.005;
 const LEAST_MEMORY_GB = 2;
+
+type Measured = Pick<Machine, "refresh_hz" | "missed_share">;
 
 /** Reason why the study does not run here, in the participant's language. */
 export class Refusal extends Error {}
@@ -32,19 +34,16 @@ function takesPointer(study: WebStudy): boolean {
 /** Ask a device that may have no keyboard for one key, where the study needs keys. */
 export async function checkKeys(study: WebStudy, words: Words, pages: HTMLElement): Promise<void> {
   if (takesPointer(study) || !matchMedia("(pointer: coarse)").matches) return;
-  const none = button(words.noKeyboard, "leave");
-  pages.replaceChildren(lineOf(words.keyboard), none);
-  pages.dataset["page"] = "keys";
-  pages.hidden = false;
   const here = new AbortController();
   await new Promise<void>((resolve, reject) => {
     const down = (event: KeyboardEvent) => {
       if (keyName(event)) resolve();
     };
     addEventListener("keydown", down, here);
-    none.addEventListener("click", () => {
+    const none = button(words.noKeyboard, "leave", () => {
       reject(new Refusal(words.phone));
     });
+    showParts(pages, "keys", lineOf(words.keyboard), none);
   }).finally(() => {
     here.abort();
   });
@@ -61,7 +60,7 @@ export function scaleFor(
 }
 
 /** Measure how often the screen refreshes. */
-export async function measuredRate(): Promise<{ refresh_hz: number; missed_share: number }> {
+export async function measuredRate(): Promise<Measured> {
   const stamps_ms: number[] = [];
   await new Promise<void>((resolve) => {
     const frame = (now_ms: number) => {
@@ -74,7 +73,7 @@ export async function measuredRate(): Promise<{ refresh_hz: number; missed_share
 }
 
 /** The refresh rate of such stamps, and the share of refreshes without one. */
-export function rateOf(stamps_ms: readonly number[]): { refresh_hz: number; missed_share: number } {
+export function rateOf(stamps_ms: readonly number[]): Measured {
   const since = stamps_ms.slice(1).map((stamp, index) => stamp - (stamps_ms[index] ?? stamp));
   const sorted = [...since].sort((a, b) => a - b);
   const median_ms = sorted[Math.floor(sorted.length / 2)] ?? 1000 / 60;
@@ -110,10 +109,7 @@ export function browserName(agent: string): string {
   return "unknown";
 }
 
-export function machineOf(
-  measured: { refresh_hz: number; missed_share: number },
-  window: BrowserWindow,
-): Machine {
+export function machineOf(measured: Measured, window: BrowserWindow): Machine {
   const gamuts = ["rec2020", "p3", "srgb"] as const;
   return {
     browser: browserName(navigator.userAgent),

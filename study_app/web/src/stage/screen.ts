@@ -8,7 +8,7 @@ import type { PlannedTrial } from "../kernel/plan";
 import { POINTER } from "../kernel/script";
 import type { Files } from "./files";
 import { keyName } from "./keys";
-import { button, lineOf, showNote } from "./note";
+import { button, lineOf, showNote, showParts } from "./note";
 import { painterOf, type Painter } from "./painter";
 import { fillScreen, type View } from "./view";
 import type { Words } from "./words";
@@ -42,18 +42,15 @@ export class Screen implements Stage {
     canvas.addEventListener("pointerdown", (event) => {
       this.pointed(event);
     });
-    addEventListener("blur", () => {
-      this.disturb("focus");
-    });
-    document.addEventListener("visibilitychange", () => {
-      if (document.hidden) this.disturb("hidden");
-    });
-    document.addEventListener("fullscreenchange", () => {
-      if (!document.fullscreenElement) this.disturb("full-screen");
-    });
-    addEventListener("resize", () => {
-      this.disturb("size");
-    });
+    const disturbs = (from: EventTarget, event: string, what: Disturbance, is = () => true) => {
+      from.addEventListener(event, () => {
+        if (this.watching && is()) this.between ??= what;
+      });
+    };
+    disturbs(window, "blur", "focus");
+    disturbs(document, "visibilitychange", "hidden", () => document.hidden);
+    disturbs(document, "fullscreenchange", "full-screen", () => !document.fullscreenElement);
+    disturbs(window, "resize", "size");
   }
 
   /** Stamps of a line: times, and the opening of the page, drawn by chance. */
@@ -162,10 +159,6 @@ export class Screen implements Stage {
     const x = Math.min(Math.max(share, 0), 1);
     this.presses.push({ key: POINTER, at_us: this.clock_us(event.timeStamp), x });
   }
-
-  private disturb(what: Disturbance): void {
-    if (this.watching) this.between ??= what;
-  }
 }
 
 function showPage(
@@ -177,27 +170,26 @@ function showPage(
   const began_ms = performance.now();
   const texts = page.text.split("\n").map((line) => lineOf(line));
   const field = page.question ? answerField(page.question.choices, page.draft) : null;
-  const next = button(page.name === "consent" ? words.agree : words.next);
-  const leave = button(words.leave, "leave");
-  if (page.name === "quit") next.textContent = words.stay;
-  const buttons = document.createElement("nav");
-  buttons.append(next, leave);
-  element.replaceChildren(
-    ...(page.done_share > 0 ? [doneBar(page.done_share)] : []),
-    ...texts,
-    ...(field ? [field.element] : []),
-    buttons,
-  );
-  element.dataset["page"] = page.name;
-  element.hidden = false;
-  (field?.first ?? next).focus();
-  const waits_ms = page.least_s * 1000;
-  next.disabled = waits_ms > 0;
-  const timer = setTimeout(() => {
-    next.disabled = false;
-    if (!field) next.focus();
-  }, waits_ms);
+  const labels: Partial<Record<string, string>> = { consent: words.agree, quit: words.stay };
   return new Promise((resolve) => {
+    const next = button(labels[page.name] ?? words.next, "next", () => {
+      end(false);
+    });
+    const leave = button(words.leave, "leave", () => {
+      end(true);
+    });
+    const buttons = document.createElement("nav");
+    buttons.append(next, leave);
+    const bar = page.done_share > 0 ? [doneBar(page.done_share)] : [];
+    const fields = field ? [field.element] : [];
+    showParts(element, page.name, ...bar, ...texts, ...fields, buttons);
+    (field?.first ?? next).focus();
+    const waits_ms = page.least_s * 1000;
+    next.disabled = waits_ms > 0;
+    const timer = setTimeout(() => {
+      next.disabled = false;
+      if (!field) next.focus();
+    }, waits_ms);
     const end = (leaves: boolean) => {
       if (!leaves && (next.disabled || (field && !field.value()))) return;
       clearTimeout(timer);
@@ -217,12 +209,6 @@ function showPage(
       event.preventDefault();
     };
     addEventListener("keydown", down);
-    next.addEventListener("click", () => {
-      end(false);
-    });
-    leave.addEventListener("click", () => {
-      end(true);
-    });
   });
 }
 

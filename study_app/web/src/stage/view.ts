@@ -3,7 +3,7 @@ import type { Disturbance } from "../kernel/attempt";
 import type { BrowserWindow, WebStudy } from "../kernel/formats";
 import { showsAll } from "../kernel/window";
 import { scaleFor } from "./gate";
-import { button, lineOf } from "./note";
+import { button, lineOf, showParts } from "./note";
 import { filled, type Words } from "./words";
 
 /** Time between two looks at a window that lacks something. */
@@ -72,16 +72,13 @@ export class View {
   /** Say what is wrong, and whether it still is, until the participant presses the button. */
   private async pressed(lack: string): Promise<void> {
     const text = lineOf(lack);
-    const next = button(this.gives_full ? this.words.resume : this.words.next);
     const press = new Promise<true>((resolve) => {
-      next.addEventListener("click", () => {
+      const next = button(this.gives_full ? this.words.resume : this.words.next, "next", () => {
         resolve(true);
       });
+      showParts(this.pages, "window", text, next);
+      next.focus();
     });
-    this.pages.replaceChildren(text, next);
-    this.pages.dataset["page"] = "window";
-    this.pages.hidden = false;
-    next.focus();
     for (;;) {
       const waited = new Promise<false>((resolve) => setTimeout(resolve, LOOK_MS, false));
       if (await Promise.race([press, waited])) return;
