@@ -128,7 +128,7 @@ class LineCheck:
             raise wrong(line, f"revision must have at most {_WORDS_MOST} characters", line.revision)
 
     def _machine(self, line: StartLine | ResumeLine, machine: Machine) -> None:
-        rates = [f"{rate:g}" for rate, why in self._build.rates.items() if not why]
+        rates = [f"{rate:g}" for rate in self._build.rates_hz]
         if f"{line.rate_hz:g}" not in rates:
             raise wrong(line, must_be_one_of("rate_hz", f"{line.rate_hz:g}", rates))
         if abs(machine.refresh_hz / line.rate_hz - 1) > NEAR_SHARE:

@@ -6,7 +6,6 @@ The same study, stimuli and revision give the same bytes. The study's secret sta
 from __future__ import annotations
 
 import io
-import math
 import shutil
 from collections import ChainMap, Counter
 from collections.abc import Iterator, Mapping
@@ -18,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from protocols.browser.browser_window import PlacedRect, about_middle, stimuli_rects
 from protocols.browser.web_study import (
     BUDGET_MB,
     DECODED_MB,
@@ -44,10 +44,10 @@ from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.feasibility import TRIALS_IN_MEMORY, require_feasible, session_duration_s
 from protocols.manifest import Clip, Manifest, check_manifest
-from protocols.plan import planned_trials, scenes_at, windows
+from protocols.plan import PlannedTrial, planned_trials, scenes_at, windows
 from protocols.recipes.base import SCENE
 from protocols.revision import code_revision
-from protocols.script import Drawn, Entry, Frames, Live, Picture, PixelSize, Place, TrialScript
+from protocols.script import Drawn, Entry, Live, Picture, PixelSize, Place, TrialScript
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import consent_text, filled_text, key_label
 from study_app.clips import check_files
@@ -64,27 +64,14 @@ BYTES_PER_PX = 1.2
 
 @dataclass(frozen=True)
 class BrowserNeeds:
-    """Needs of a study on a participant's browser."""
+    """Memory that a study takes of a participant's line and browser."""
 
-    rates: Mapping[float, list[str]]
-    """Reasons why it does not run at a refresh rate; an empty list where it does."""
     fetched_bytes: int
     """Bytes of the files that one participant fetches."""
     decoded_bytes: int
     """Bytes of the decoded stimuli of two trials."""
-    duration_s: float
-    """Length of a session, answers in 1.5 s."""
-    window_px: PixelSize
-    """Smallest part of the screen that shows all of a trial."""
-    decisions: int
-    """Main trials of a participant."""
     estimated: bool = False
     """True if the stimuli were not built, and their bytes are an estimate."""
-
-    @property
-    def rates_hz(self) -> tuple[float, ...]:
-        """The refresh rates at which the study runs."""
-        return tuple(rate for rate, problems in self.rates.items() if not problems)
 
 
 @dataclass(frozen=True)
@@ -116,22 +103,48 @@ class WebBuild:
         return rates_of(self.study, self.display)
 
     @cached_property
+    def rates_hz(self) -> tuple[float, ...]:
+        """The refresh rates at which the study runs; `StudyError` where there is none."""
+        if found := tuple(rate for rate, problems in self.rates.items() if not problems):
+            return found
+        first = self.rates[self.display.refresh_hz]
+        raise StudyError(
+            "web: the study must run at a refresh rate that participants have (it runs at none"
+            f" of {', '.join(f'{rate:g}' for rate in self.rates)} Hz); at"
+            f" {self.display.refresh_hz:g} Hz: " + "; ".join(first)
+        )
+
+    @cached_property
+    def trials(self) -> tuple[PlannedTrial, ...]:
+        """The trials of some participant, of whom all have as many."""
+        return planned_trials(self.shown.ordered_by(0), "web", 0)
+
+    @property
+    def decisions(self) -> int:
+        """Main trials of a participant."""
+        return sum(trial.role == "main" for trial in self.trials)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of a session, answers in 1.5 s."""
+        return session_duration_s(self.shown, len(self.trials))
+
+    @cached_property
     def scripts(self) -> dict[float, dict[str, list[TrialScript]]]:
         """Scripts by refresh rate and language, in the order of `scripts_at`."""
         return {
             rate: {
-                language: list(scripts_at(self.study, self._at(rate), language).values())
+                language: list(scripts_at(self.study, self.at(rate), language).values())
                 for language in self.study.text.languages
             }
-            for rate, problems in self.rates.items()
-            if not problems
+            for rate in self.rates_hz
         }
 
     @cached_property
     def pictures(self) -> dict[str, tuple[PixelBytes, Place]]:
-        """Every picture by its name, cut to its ink, and how far that moved its corner."""
+        """Every picture by the hash of what it shows, cut to its ink, and its corner's way."""
         bitmaps = bitmaps_of(self.shown, self.display)
-        of = {picture_name(p.of): p.of for s in self._all_scripts() for p in s.pictures()}
+        of = {sha256_json(p.of): p.of for s in self._all_scripts() for p in s.pictures()}
         return {name: cut_out(one, bitmaps) for name, one in sorted(of.items())}
 
     def window_px(self, share: float = 1.0) -> PixelSize:
@@ -142,12 +155,9 @@ class WebBuild:
         share : float
             Share of their size that stimuli have, about their own middle.
         """
-        reach_x = reach_y = 1.0
-        for script in self._all_scripts():
-            for left, top, width, height in self._rects(script, share):
-                reach_x = max(reach_x, -left, left + width)
-                reach_y = max(reach_y, -top, top + height)
-        return 2 * math.ceil(reach_x), 2 * math.ceil(reach_y)
+        return about_middle(
+            rect for script in self._all_scripts() for rect in self._rects(script, share)
+        )
 
     @cached_property
     def stimuli(self) -> list[Clip]:
@@ -166,7 +176,7 @@ class WebBuild:
         return found
 
     def needs(self, packs: Mapping[str, Mapping[str, int]] | None = None) -> BrowserNeeds:
-        """Return the study's needs of a browser.
+        """Return what the study takes of a participant's line and browser.
 
         Parameters
         ----------
@@ -177,15 +187,8 @@ class WebBuild:
         Raises
         ------
         StudyError
-            If the study is not meant for browsers, or runs at no refresh rate.
+            If the study is not meant for browsers.
         """
-        if not any(not problems for problems in self.rates.values()):
-            first = self.rates[self.display.refresh_hz]
-            raise StudyError(
-                "web: the study must run at a refresh rate that participants have (it runs at none"
-                f" of {', '.join(f'{rate:g}' for rate in self.rates)} Hz); at"
-                f" {self.display.refresh_hz:g} Hz: " + "; ".join(first)
-            )
         clip = self.stimuli[0]
         pixels = clip.width_px * clip.height_px * len(clip.frames_sha256)
         of_trial = TRIALS_IN_MEMORY * self.study.task.stimuli_per_trial * pixels * 4
@@ -194,16 +197,7 @@ class WebBuild:
         for slot in range(min(max(_SLOTS_LOOKED_AT, windows(self.shown)), _MOST_LOOKED_AT)):
             files_seen = ChainMap(*(dict(sizes.get(name, {})) for name in self._seen(slot)))
             fetched = max(fetched, sum(files_seen.values()))
-        planned = planned_trials(self.shown.ordered_by(0), "web", 0)
-        return BrowserNeeds(
-            self.rates,
-            fetched,
-            of_trial,
-            session_duration_s(self.shown, len(planned)),
-            self.window_px(),
-            sum(trial.role == "main" for trial in planned),
-            packs is None,
-        )
+        return BrowserNeeds(fetched, of_trial, packs is None)
 
     def write(
         self,
@@ -270,12 +264,12 @@ class WebBuild:
             default_language=self.study.text.default_language,
             pages={language: self.page(language) for language in self.study.text.languages},
             background=self._any_script.background,
-            window_px=needs.window_px,
+            window_px=self.window_px(),
             screen_px=self._any_script.size_px,
             design=design,
             break_s=self.study.design.break_s,
-            duration_s=needs.duration_s,
-            rates=tuple(self._rate(rate) for rate in needs.rates_hz),
+            duration_s=self.duration_s,
+            rates=tuple(map(self._rate, self.rates_hz)),
             dropped_max=self.study.trial.dropped_frames_max,
             continue_keys=self.study.response.continue_keys,
             pause_keys=self.study.response.pause_keys,
@@ -332,23 +326,19 @@ class WebBuild:
             for scripts in by_language.values():
                 yield from scripts
 
-    def _at(self, refresh_hz: float) -> Display:
+    def at(self, refresh_hz: float) -> Display:
+        """Return the display at a refresh rate, with the tolerance that the study declares."""
         tolerance_s = self.study.web.tolerance_s if self.study.web else 0.0
         return self.display.at_rate(refresh_hz, tolerance_s)
 
-    def _rects(
-        self, script: TrialScript, share: float
-    ) -> Iterator[tuple[float, float, float, float]]:
-        for phase in script.phases:
-            for entry in phase.show:
-                if isinstance(entry, Frames):
-                    left, top = entry.at
-                    width, height = (entry.crop or (0, 0, *script.stimulus_px))[2:]
-                    cut = (1 - share) / 2
-                    yield left + cut * width, top + cut * height, share * width, share * height
+    def _rects(self, script: TrialScript, share: float) -> Iterator[PlacedRect]:
+        for left, top, width, height in stimuli_rects(script):
+            cut = (1 - share) / 2
+            yield left + cut * width, top + cut * height, share * width, share * height
         for picture in script.pictures():
-            pixels, (right, down) = self.pictures[picture_name(picture.of)]
-            yield picture.at[0] + right, picture.at[1] + down, pixels.shape[1], pixels.shape[0]
+            placed = self._placed(picture)
+            height, width, _ = self.pictures[placed.of][0].shape
+            yield *placed.at, width, height
 
     def _seen(self, slot: int) -> set[str]:
         """Return the stimuli that a participant may see, with the places in order of arrival."""
@@ -374,10 +364,10 @@ class WebBuild:
         }
 
     def _rate(self, refresh_hz: float) -> RefreshRate:
-        kinds = scripts_at(self.study, self._at(refresh_hz), self.study.text.default_language)
+        kinds = scripts_at(self.study, self.at(refresh_hz), self.study.text.default_language)
         return RefreshRate(
             refresh_hz=refresh_hz,
-            deviations_s=deviations_s(self.shown, self._at(refresh_hz)),
+            deviations_s=deviations_s(self.shown, self.at(refresh_hz)),
             scripts={
                 language: tuple(
                     self._script(*kind, script) for kind, script in zip(kinds, scripts, strict=True)
@@ -405,7 +395,7 @@ class WebBuild:
         return self._placed(entry) if isinstance(entry, Picture) else entry
 
     def _placed(self, picture: Picture) -> ShownPicture:
-        name = picture_name(picture.of)
+        name = sha256_json(picture.of)
         _, (right, down) = self.pictures[name]
         return ShownPicture(of=name, at=(picture.at[0] + right, picture.at[1] + down))
 
@@ -420,11 +410,6 @@ class WebBuild:
                 file=f"{name[:16]}.png", sha256=sha256_bytes(data), size_px=size
             )
         return found
-
-
-def picture_name(of: Drawn) -> str:
-    """Return the name of a picture: the hash of what it shows."""
-    return sha256_json(of)
 
 
 def cut_out(of: Drawn, bitmaps: Bitmaps) -> tuple[PixelBytes, Place]:

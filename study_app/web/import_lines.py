@@ -166,10 +166,10 @@ def import_results(
         if one.state != "refused" and one.journal.start.remote is None
     }
     marks = {one.participant: session_marks(one.journal.start, one.folder) for one in known}
-    build = WebBuild(study, display, manifest)
+    importer = _Importer(WebBuild(study, display, manifest), root, slots, write)
     results = []
     for who, found in sorted(ours.items()):
-        result = _import_one(who, found, build, root, slots, write=write)
+        result = importer.participant(who, found)
         if result.begun is not None:
             sender = inbox.marks(found)
             begun = link_marks(result.begun.slot, result.begun.identifier, sender)
@@ -181,104 +181,87 @@ def import_results(
     return [one.sharing(shared) for one in results]
 
 
-def _import_one(
-    who: str,
-    found: ParticipantLines,
-    build: WebBuild,
-    root: Path,
-    slots: Mapping[int, str],
-    *,
-    write: bool,
-) -> ImportResult:
-    """Import the first history of a participant that is a session; say what it leaves.
+@dataclass
+class _Importer:
+    """Import of a study's participants, one after the other, into a folder of sessions."""
 
-    Whatever their lines do, the others are imported.
+    build: WebBuild
+    root: Path
+    slots: Mapping[int, str]
+    """Participants of the lab's own sessions, by slot."""
+    write: bool
+    _session: RebuiltSession | None = None
+    """The one that is being made."""
 
-    Raises
-    ------
-    StudyError
-        If the disk refuses.
-    OSError
-        Likewise.
-    """
-    if found.simulated:
-        return ImportResult(who, "set aside", "simulated: nobody took part")
-    try:
-        return _import_best(who, found, build, root, slots, write=write)
-    except (OSError, StudyError):  # the disk refuses
-        raise
-    except Exception as error:  # a fault of ours, which costs no other participant
-        what = f"{type(error).__name__}: {shown(error)}"
-        return ImportResult(who, "refused", f"lines must be such as a page sends ({what})")
+    def participant(self, who: str, found: ParticipantLines) -> ImportResult:
+        """Import the first history of a participant that is a session; say what it leaves.
 
+        Whatever their lines do, the others are imported.
 
-def _import_best(
-    who: str,
-    found: ParticipantLines,
-    build: WebBuild,
-    root: Path,
-    slots: Mapping[int, str],
-    *,
-    write: bool,
-) -> ImportResult:
-    refused = ""
-    for end in histories(found.told):
-        kept = end.history
-        result = _import_history(who, kept, build, root, slots, write=write)
-        if result.state != "refused":
-            said = [f"{found.repeated} lines came more than once"] if found.repeated else []
-            said += filter(None, [left_by(kept, found.told)])
-            if refused:
-                said.append(f"another history was refused: {refused}")
-            return replace(result, message="; ".join(said))
-        refused = refused or result.message
-        if end.length <= end.n:
-            break  # before all of the best one has come, no other is imported
-    return ImportResult(who, "refused", refused)
+        Raises
+        ------
+        StudyError
+            If the disk refuses.
+        OSError
+            Likewise.
+        """
+        if found.simulated:
+            return ImportResult(who, "set aside", "simulated: nobody took part")
+        self._session = None
+        try:
+            return self._best(who, found)
+        except DiskError as error:
+            raise StudyError(
+                f"{str(error).partition(';')[0]}: of {who} nothing was imported, and those before"
+                " are whole; make room, and import again"
+            ) from None
+        except OSError:
+            raise
+        except Exception as error:  # a fault of ours, which costs no other participant
+            must = "lines must be such as a page sends"
+            if self._session:
+                must = f"line number {self._session.line.n}: must be one that a page sends"
+            what = f"{type(error).__name__}: {shown(error)}"
+            return ImportResult(who, "refused", f"{must} ({what})")
 
+    def _best(self, who: str, found: ParticipantLines) -> ImportResult:
+        refused = ""
+        for end in histories(found.told):
+            kept = end.history
+            try:
+                result = self._history(who, kept)
+            except DiskError:
+                raise
+            except StudyError as error:
+                own = isinstance(error, ContradictionError)
+                refused = refused or f"{'' if own else 'not as this study makes it: '}{error}"
+            else:
+                said = [f"{found.repeated} lines came more than once"] if found.repeated else []
+                said += filter(None, [left_by(kept, found.told)])
+                if refused:
+                    said.append(f"another history was refused: {refused}")
+                return replace(result, message="; ".join(said))
+            if end.length <= end.n:
+                break  # before all of the best one has come, no other is imported
+        return ImportResult(who, "refused", refused)
 
-def _import_history(
-    who: str,
-    history: Sequence[TreeLine],
-    build: WebBuild,
-    root: Path,
-    slots: Mapping[int, str],
-    *,
-    write: bool,
-) -> ImportResult:
-    session = None
-    try:
-        session = RebuiltSession(build, whole_lines(history))
-        folder, start = session_folder(root, build.study, who), session.begun
-        if start.slot_from != "drawn" and start.slot in slots:
+    def _history(self, who: str, history: Sequence[TreeLine]) -> ImportResult:
+        self._session = session = RebuiltSession(self.build, whole_lines(history))
+        folder, start = session_folder(self.root, self.build.study, who), session.begun
+        if start.slot_from != "drawn" and start.slot in self.slots:
             raise ContradictionError(
-                f"slot {start.slot} is that of the lab's session {slots[start.slot]!r}: two people"
-                " had one place; keep one of the two, and withdraw the other"
+                f"slot {start.slot} is that of the lab's session {self.slots[start.slot]!r}: two"
+                " people had one place; keep one of the two, and withdraw the other"
             )
         state: State = "imported"
-        with whole_folder(folder) if write and not folder.exists() else _aside(who) as made:
+        with whole_folder(folder) if self.write and not folder.exists() else _aside(who) as made:
             session.write(made)
             session.verify(made)
             if folder.exists():
                 state = _beside(folder, made)
-            if write and state == "continued":
+            if self.write and state == "continued":
                 _continue(folder, made)
-    except DiskError as error:
-        raise StudyError(
-            f"{str(error).partition(';')[0]}: of {who} nothing was imported, and those before are"
-            " whole; make room, and import again"
-        ) from None
-    except ContradictionError as error:
-        return ImportResult(who, "refused", str(error))
-    except StudyError as error:
-        return ImportResult(who, "refused", f"not as this study makes it: {error}")
-    except OSError:
-        raise
-    except Exception as error:  # a fault of ours, which costs no other participant
-        place = f"line number {session.line.n if session else 0}"
-        what = f"{type(error).__name__}: {shown(error)}"
-        return ImportResult(who, "refused", f"{place}: must be one that a page sends ({what})")
-    return ImportResult(who, state, "", session.attempts, session.reason, session.begun)
+        return ImportResult(who, state, "", session.attempts, session.reason, start)
 
 
 @contextmanager
@@ -384,8 +367,7 @@ class RebuiltSession:
 
     def _run_at(self, rate_hz: float) -> None:
         """Take display and scripts of a refresh rate from here on."""
-        tolerance_s = self.study.web.tolerance_s if self.study.web else 0.0
-        self.display = self.build.display.at_rate(rate_hz, tolerance_s)
+        self.display = self.build.at(rate_hz)
         self.scripts = Scripts(self.study, self.display, self.begun.language, self.manifest)
 
     def write(self, folder: Path) -> None:
@@ -490,9 +472,8 @@ class RebuiltSession:
     def _check_end(self, line: EndLine, recorder: Recorder) -> None:
         """Refuse an end that says that the session is over, where it is not."""
         step = next_step(self.study, self.plan, recorder.events, self.begun.language)
-        due = ("completed" if step.consented else "consent-refused") if isinstance(
-            step, Finish) else None  # fmt: skip
-        if line.reason in ("completed", "consent-refused") and line.reason != due:
+        over = isinstance(step, Finish) and ("completed" if step.consented else "consent-refused")
+        if line.reason in ("completed", "consent-refused") and line.reason != over:
             what = f"reason must not be that, since there comes {_named(step)}"
             raise wrong(line, what, line.reason)
 
@@ -600,20 +581,17 @@ class ReplayedStage:
         return DISTURBANCES[what] if flip == self._shown - 1 else ""
 
 
+_STEPS: Mapping[type[Step], str] = {
+    AskConsent: "consent",
+    StartBlock: "the start of block {block}",
+    EndBlock: "the end of block {block}",
+    TakeBreak: "the break after block {after_block}",
+    AskQuestion: "the answer to {question.name!r}",
+    RunTrial: "attempt {attempt} at {trial.id}",
+    Finish: "the end",
+}
+
+
 def _named(step: Step) -> str:
     """Return a step in words."""
-    match step:
-        case AskConsent():
-            return "consent"
-        case StartBlock(block):
-            return f"the start of block {block}"
-        case EndBlock(block):
-            return f"the end of block {block}"
-        case TakeBreak(block):
-            return f"the break after block {block}"
-        case AskQuestion(question):
-            return f"the answer to {question.name!r}"
-        case RunTrial(trial, attempt):
-            return f"attempt {attempt} at {trial.id}"
-        case Finish():
-            return "the end"
+    return _STEPS[type(step)].format(**vars(step))

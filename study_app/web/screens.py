@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from protocols.browser.web_study import tolerance_for_s
 from protocols.script import PixelSize
-from study_app.web.export import BrowserNeeds, WebBuild
+from study_app.web.export import WebBuild
 
 SIZES_PX = (
     (1280, 720), (1280, 800), (1366, 768), (1440, 900), (1600, 900), (1680, 1050), (1920, 1080),
@@ -17,41 +17,43 @@ _SHARES = tuple(number / 20 for number in range(19, 9, -1))
 """Sizes of smaller stimuli that are tried, as shares of an edge."""
 
 
-def screen_lines(build: WebBuild, needs: BrowserNeeds) -> Iterator[str]:
+def screen_lines(build: WebBuild) -> Iterator[str]:
     """Yield the least screens that can take part, and the change that admits most further kinds.
 
     Kinds are all common sizes at all common refresh rates.
     """
-    width, height = needs.window_px
-    yield f"on screens of at least {width} x {height} px, at {_listed(needs.rates_hz)} Hz"
-    changes = [*_tolerances(build, needs), *_smaller_stimuli(build, needs)]
+    window_px = build.window_px()
+    width, height = window_px
+    yield f"on screens of at least {width} x {height} px, at {_listed(build.rates_hz)} Hz"
+    there = _admitted(window_px)
+    changes = [*_tolerances(build, there), *_smaller_stimuli(build, there)]
     kinds, said = max(changes, key=lambda change: change[0], default=(0, ""))
     if kinds:
         yield f"one change would admit {kinds} more kinds of common screens: {said}"
 
 
-def _tolerances(build: WebBuild, needs: BrowserNeeds) -> Iterator[tuple[int, str]]:
+def _tolerances(build: WebBuild, there: Sequence[PixelSize]) -> Iterator[tuple[int, str]]:
     wanted_s = {
         rate: tolerance_s
-        for rate, problems in needs.rates.items()
+        for rate, problems in build.rates.items()
         if problems
         and (tolerance_s := tolerance_for_s(build.shown, build.display, rate)) is not None
     }
     for most_s in sorted(set(wanted_s.values())):
         rates = [rate for rate, tolerance_s in wanted_s.items() if tolerance_s <= most_s]
-        kinds = len(rates) * len(_admitted(needs.window_px))
+        kinds = len(rates) * len(there)
         yield kinds, f"web.tolerance_s = {most_s:g} admits {_listed(rates)} Hz, too"
 
 
-def _smaller_stimuli(build: WebBuild, needs: BrowserNeeds) -> Iterator[tuple[int, str]]:
-    clip, there = build.stimuli[0], _admitted(needs.window_px)
+def _smaller_stimuli(build: WebBuild, there: Sequence[PixelSize]) -> Iterator[tuple[int, str]]:
+    clip = build.stimuli[0]
     for share in _SHARES:
         more = [size for size in _admitted(build.window_px(share)) if size not in there]
         if more:
             width, height = (2 * int(share * edge / 2) for edge in (clip.width_px, clip.height_px))
             least = " x ".join(map(str, more[0]))
             yield (
-                len(more) * len(needs.rates_hz),
+                len(more) * len(build.rates_hz),
                 f"stimuli of {width} x {height} px instead of {clip.width_px} x {clip.height_px}"
                 f" admit screens of {least} px, too",
             )

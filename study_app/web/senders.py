@@ -10,10 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from protocols.browser.shared_links import Mark
 
 METADATA = "metadata.json"
-_COMPONENT = re.compile(r"(?:^|/)comp-result_(\w{1,64})/")
-_STUDY = re.compile(r"(?:^|/)study_result_(\w{1,64})/")
 COMPONENT_RESULT, STUDY_RESULT = "component result of JATOS", "study result of JATOS"
 WORKER = "worker of JATOS"
+_FOLDERS = {
+    COMPONENT_RESULT: re.compile(r"(?:^|/)comp-result_(\w{1,64})/"),
+    STUDY_RESULT: re.compile(r"(?:^|/)study_result_(\w{1,64})/"),
+}
 
 
 class _Told(BaseModel):
@@ -50,12 +52,9 @@ class Senders:
         except ValidationError:
             return False
         for result in (result for study in told.data for result in study.results):
-            marks = {(STUDY_RESULT, result.id)}
-            if result.worker is not None:
-                marks.add((WORKER, result.worker))
-            for mark in [(STUDY_RESULT, result.id)] + [
-                (COMPONENT_RESULT, component.id) for component in result.components
-            ]:
+            own = (STUDY_RESULT, result.id)
+            marks = {own} if result.worker is None else {own, (WORKER, result.worker)}
+            for mark in (own, *((COMPONENT_RESULT, one.id) for one in result.components)):
                 self._results[mark] |= marks
         return True
 
@@ -63,7 +62,7 @@ class Senders:
         """Return the marks of a text, by its place in an archive or folder."""
         own = {
             (kind, found[-1])
-            for kind, pattern in ((COMPONENT_RESULT, _COMPONENT), (STUDY_RESULT, _STUDY))
+            for kind, pattern in _FOLDERS.items()
             if (found := pattern.findall(place))
         }
         return own.union(*(self._results[mark] for mark in own if mark in self._results))

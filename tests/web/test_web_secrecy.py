@@ -254,12 +254,12 @@ def test_the_one_change_of_tolerance_admits_the_rates_it_names(case, tolerance_s
     assert more
     assert not more & there
     admitted = WebBuild(for_browsers(study, tolerance_s=float(wanted)), FHD, of.manifest)
-    assert set(admitted.needs().rates_hz) == there | more
+    assert set(admitted.rates_hz) == there | more
 
 
 def screens(study: StudyProtocol, of: BuiltWebStudy) -> list[str]:
     build = WebBuild(study, FHD, of.manifest)
-    return list(screen_lines(build, build.needs()))
+    return list(screen_lines(build))
 
 
 def test_the_one_change_of_size_admits_the_screens_it_names(case):
@@ -283,7 +283,7 @@ def test_the_one_change_of_size_admits_the_screens_it_names(case):
     )
     width, height, wide, high = map(int, found.groups())
     small = sized(width, height)
-    needs = WebBuild(small.study, FHD, small.manifest).needs().window_px
+    needs = WebBuild(small.study, FHD, small.manifest).window_px()
     assert (needs[0] <= wide, needs[1] <= high) == (True, True)
     assert (wide, high) < (1900, 1000)
     assert len(screens(of.study, of)) == 1  # all fits: nothing is to be changed

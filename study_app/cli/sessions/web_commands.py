@@ -169,7 +169,7 @@ def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) 
     check_budget(needs, build)
 
 
-def shared_lines(build: WebBuild, needs: BrowserNeeds) -> Iterator[str]:
+def shared_lines(build: WebBuild) -> Iterator[str]:
     """Yield the effect of a share of the scenes on the decisions of a study, where it has one."""
     from protocols.plan import planned_trials, rounds, scenes_at, windows
 
@@ -180,11 +180,11 @@ def shared_lines(build: WebBuild, needs: BrowserNeeds) -> Iterator[str]:
     desk = planned_trials(study.in_any_order(), "web", 0)
     every = sum(trial.role == "main" for trial in desk)
     people = study.study.participants
-    as_many = -(-people * every // needs.decisions)
+    as_many = -(-people * every // build.decisions)
     both = rounds(build.shown)[0] * count
     yield (
         f"each participant is shown {len(scenes_at(build.shown, 0))} of"
-        f" {len(study.main_scenes())} scenes and decides {needs.decisions} times instead of"
+        f" {len(study.main_scenes())} scenes and decides {build.decisions} times instead of"
         f" {every}; {as_many} participants instead of {people} decide as often on each condition"
         " ('analysis power' takes all scenes for each)"
     )
@@ -198,19 +198,19 @@ def needs_lines(build: WebBuild, needs: BrowserNeeds) -> Iterator[str]:
     """Yield the study's needs of a browser, and what participants can read of it, in sentences."""
     from study_app.web.screens import screen_lines
 
-    yield from screen_lines(build, needs)
-    for rate, wrong in needs.rates.items():
+    yield from screen_lines(build)
+    for rate, wrong in build.rates.items():
         if wrong:
             yield f"not at {rate:g} Hz: {wrong[0]}"
     seconds = needs.fetched_bytes / MB / LINE_MB_PER_S
     about = "about " * needs.estimated
     yield (
         f"per participant: {about}{needs.fetched_bytes / MB:.1f} MB ({seconds:.0f} s at 20 Mbit/s),"
-        f" {needs.decoded_bytes / MB:.0f} MB in memory, {needs.duration_s / 60:.0f} min"
+        f" {needs.decoded_bytes / MB:.0f} MB in memory, {build.duration_s / 60:.0f} min"
         + "; an estimate: the export says what the stimuli take"
         * needs.estimated
     )
-    yield from shared_lines(build, needs)
+    yield from shared_lines(build)
     web = build.study.web
     for key in ("completion_code", "completion_url"):
         if web is not None and getattr(web, key) is not None:
