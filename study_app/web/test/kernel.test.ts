@@ -46,9 +46,7 @@ describe("places and rows", () => {
 describe("flips", () => {
   test("a missed refresh is counted, and a flip that is late on its own is not", () => {
     const pacer = new Pacer(100);
-    const judged = [0, 0.01, 0.0118, 0.03, 0.0425].map((t_s) => pacer.flip(t_s));
-    expect(judged.map(({ kind }) => kind)).toEqual(["first", "on-time", "doubled", "missed", "late"]);
-    expect(judged.map(({ refreshes }) => refreshes)).toEqual([0, 1, 0, 2, 1]);
+    expect([0, 0.01, 0.0118, 0.03, 0.0425].map((t_s) => pacer.flip(t_s))).toEqual([0, 1, 0, 2, 1]);
   });
 });
 

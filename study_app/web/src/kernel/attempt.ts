@@ -68,7 +68,7 @@ export class AttemptRun {
   flipped(t_us: number, presses: readonly Press[], disturbed: Disturbance | null): void {
     const phase = at(this.script.phases, this.state.phase);
     const number = this.stamps_us.push(t_us) - 1;
-    const { refreshes } = this.pacer.flip(t_us / 1e6);
+    const refreshes = this.pacer.flip(t_us / 1e6);
     if (phase.question?.name !== this.asked?.name) {
       this.asked = phase.question;
       this.onset_us = t_us;
@@ -85,7 +85,7 @@ export class AttemptRun {
       this.disturbed = [number, disturbed];
     }
     if (key) this.interrupts.push(key);
-    const observed = { refreshes: number ? refreshes : 1, gaze: "held", answer, interrupt } as const;
+    const observed = { refreshes: number ? refreshes : 1, answer, interrupt };
     this.state = advance(this.state, observed, this.script);
   }
 

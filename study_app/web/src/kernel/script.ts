@@ -8,7 +8,6 @@ export type Interrupt = Extract<VoidReason, "paused" | "quit" | "focus-lost">;
 export interface TrialScript extends Pick<WebStudy, "dropped_max" | "pause_keys" | "quit_keys"> {
   readonly phases: readonly WebPhase[];
   readonly correct: string | null;
-  readonly gaze: "enforce" | "warn" | "monitor" | "none";
 }
 
 /** The study's own question. */
@@ -58,7 +57,6 @@ export function scriptOf(
   return {
     phases: kind.phases,
     correct: trial.correct,
-    gaze: "none",
     dropped_max: study.dropped_max,
     pause_keys: study.pause_keys,
     quit_keys: study.quit_keys,

@@ -1,17 +1,14 @@
 /** One attempt at a trial, as `study_app/trial.py` defines it: a pure state machine, counted in
- * refreshes. No clock, screen or keyboard is read here.
+ * refreshes. No clock, screen or keyboard is read here, and no gaze is watched in a browser.
  */
 import type { ShownPicture, WebPhase } from "./formats";
 import { at } from "./list";
 import { afterAnswer, questionsOf, STUDY_QUESTION, type Interrupt, type TrialScript, type VoidReason } from "./script";
 
-export type Watch = "held" | "away" | "violation" | "loss";
-
 /** Observations up to one flip. */
 export interface Observed {
   /** Refreshes since the flip before: 1 in time, more where some were missed. */
   readonly refreshes: number;
-  readonly gaze: Watch;
   readonly answer: string | null;
   readonly interrupt: Interrupt | null;
 }
@@ -19,9 +16,8 @@ export interface Observed {
 /** An attempt: what the next flip shows, and how it ended once it has. */
 export interface Trial {
   readonly phase: number;
-  /** Refreshes of this phase before the next flip; behind a gate, of the present hold. */
+  /** Refreshes of this phase before the next flip. */
   readonly frames: number;
-  readonly waited: number;
   readonly dropped: number;
   /** To the study's own question. */
   readonly answer: string | null;
@@ -29,19 +25,16 @@ export interface Trial {
   readonly further: readonly string[];
   readonly completed: boolean;
   readonly void_reason: VoidReason | null;
-  readonly warned: boolean;
 }
 
 export const BEGIN: Trial = {
   phase: 0,
   frames: 0,
-  waited: 0,
   dropped: 0,
   answer: null,
   further: [],
   completed: false,
   void_reason: null,
-  warned: false,
 };
 
 /** True if every phase is over. */
@@ -58,11 +51,8 @@ export function isOver(trial: Trial): boolean {
 export function follows(trial: Trial, script: TrialScript): ShownPicture | null {
   const told = at(script.phases, trial.phase).follows;
   const judged = trial.completed && script.correct !== null;
-  const stands = [
-    trial.void_reason,
-    trial.warned ? "warned" : null,
-    judged ? (trial.answer === script.correct ? "right" : "wrong") : null,
-  ];
+  const answered = trial.answer === script.correct ? "right" : "wrong";
+  const stands = [trial.void_reason, judged ? answered : null];
   for (const name of stands) {
     const picture = name === null ? undefined : told[name];
     if (picture) return picture;
@@ -78,18 +68,8 @@ export function advance(trial: Trial, observed: Observed, script: TrialScript): 
   const step = trial.frames === 0 ? 1 : observed.refreshes;
   if (isOver(trial)) return lasted(trial, step, phase);
   if (observed.interrupt !== null) return voided(trial, observed.interrupt, script);
-  let now = countDropped(trial, observed, script);
+  const now = countDropped(trial, observed, script);
   if (now.dropped > script.dropped_max) return voided(now, "dropped-frames", script);
-  if (phase.watched && (observed.gaze === "violation" || observed.gaze === "loss")) {
-    if (script.gaze === "enforce") {
-      // Gaze was not read either while nothing was shown.
-      const unread = observed.refreshes - 1 > script.dropped_max;
-      const lost = unread ? "dropped-frames" : "data-loss";
-      return voided(now, observed.gaze === "violation" ? "gaze-break" : lost, script);
-    }
-    if (script.gaze === "warn") now = { ...now, warned: true };
-  }
-  if (phase.gate_frames !== null) return gated(now, observed, step, phase, script);
   if (phase.question !== null) return asked(now, observed.answer, step, phase, script);
   return lasted(now, step, phase);
 }
@@ -124,26 +104,6 @@ function asked(
 
 function voided(trial: Trial, reason: VoidReason, script: TrialScript): Trial {
   return { ...trial, phase: script.phases.length - 1, frames: 0, void_reason: reason };
-}
-
-/** Wait until gaze was held for the length of the phase. */
-function gated(
-  trial: Trial,
-  observed: Observed,
-  step: number,
-  phase: WebPhase,
-  script: TrialScript,
-): Trial {
-  const enforced = script.gaze === "enforce";
-  const held = !enforced || observed.gaze === "held";
-  const frames = held ? trial.frames + step : 0; // the hold starts over
-  const waited = trial.waited + observed.refreshes;
-  if (frames >= (phase.frames ?? 0)) {
-    return { ...trial, phase: trial.phase + 1, frames: 0, waited: 0 };
-  }
-  const shown = { ...trial, frames, waited };
-  const late = enforced && waited >= (phase.gate_frames ?? 0);
-  return late ? voided(shown, "no-fixation", script) : shown;
 }
 
 /** Count the missed refreshes that kept a picture of a watched phase on the screen. */

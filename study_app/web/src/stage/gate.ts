@@ -79,7 +79,7 @@ export function rateOf(stamps_ms: readonly number[]): Measured {
   const median_ms = sorted[Math.floor(sorted.length / 2)] ?? 1000 / 60;
   const pacer = new Pacer(1000 / median_ms);
   let refreshes = 0;
-  for (const stamp of stamps_ms) refreshes += pacer.flip(stamp / 1000).refreshes;
+  for (const stamp of stamps_ms) refreshes += pacer.flip(stamp / 1000);
   const whole_ms = (stamps_ms.at(-1) ?? 0) - (stamps_ms[0] ?? 0);
   return {
     refresh_hz: Math.round((1e6 * refreshes) / whole_ms) / 1e3,
