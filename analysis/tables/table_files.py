@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import TextIO
 
 import pandas as pd
 
@@ -258,7 +257,7 @@ def shortened(text: object) -> str:
     return shown if len(shown) <= SHOWN_LETTERS else shown[:SHOWN_LETTERS] + "..."
 
 
-def write_table(table: pd.DataFrame, path: Path | TextIO) -> None:
+def write_table(table: pd.DataFrame, path: Path) -> None:
     """Write a table as CSV that spreadsheets show and do not run.
 
     A text that begins with = + - @ or a control character gets an apostrophe in front, as does one

@@ -264,8 +264,8 @@ def step_of(step: Step, study: StudyProtocol) -> dict[str, Any]:
     match step:
         case AskConsent():
             return {"step": "ask-consent"}
-        case StartBlock(block, trials, first):
-            return {"step": "start-block", "block": block, "trials": trials, "first": first}
+        case StartBlock(block, first=first):
+            return {"step": "start-block", "block": block, "first": first}
         case EndBlock(block):
             return {"step": "end-block", "block": block}
         case TakeBreak(block):

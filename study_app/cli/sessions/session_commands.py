@@ -6,14 +6,13 @@ import dataclasses
 import gc
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from protocols.disk.whole_file import write_whole
+from protocols.disk.whole_file import whole_path
 from protocols.errors import StudyError, count_of, must_be_one_of
 from protocols.journal import Attempt, SessionEnd, SessionStart
 from protocols.journal_file import Journal
@@ -263,9 +262,8 @@ def _write_identifiers(sessions: Sequence[SessionFolder], path: Path) -> None:
     if path.exists():
         raise StudyError(f"--identifiers: must be a new file (got {path}); name another one")
     heads = ["study", "participant", "identifier", "state"]
-    text = StringIO()
-    write_table(pd.DataFrame(rows, columns=heads), text)
-    write_whole(path, text.getvalue().encode("utf-8", "backslashreplace"))
+    with whole_path(path) as part:
+        write_table(pd.DataFrame(rows, columns=heads), part)
 
 
 @app.command()

@@ -7,7 +7,7 @@ import type { EndLine, RefreshRate, WebPages, ClosingQuestion, WebStudy } from "
 import type { LineLog } from "./lines";
 import { makePlan, type PlannedTrial } from "./plan";
 import { following, nextStep, type Attempt, type Step } from "./session";
-import { scriptOf, type TrialScript } from "./script";
+import { scriptOf } from "./script";
 
 export type PageName =
   | "consent"
@@ -17,8 +17,7 @@ export type PageName =
   | "break"
   | "paused"
   | "quit"
-  | "question"
-  | "thanks";
+  | "question";
 
 /** A page of text that waits for the participant to go on, or to leave. */
 export interface Page {
@@ -43,11 +42,7 @@ export interface PageResult {
 export interface Stage {
   page(page: Page): Promise<PageResult>;
   /** Make a trial's stimuli ready, and begin to fetch the next one's; what is worth a note. */
-  prepare(
-    trial: PlannedTrial,
-    next: PlannedTrial | null,
-    script: TrialScript,
-  ): Promise<string | null>;
+  prepare(trial: PlannedTrial, next: PlannedTrial | null): Promise<string | null>;
   /** Show an attempt flip by flip until it is done. */
   attempt(run: AttemptRun): Promise<void>;
 }
@@ -180,7 +175,7 @@ class Conductor {
     const { trial, attempt, position } = step;
     const script = scriptOf(study, rate, lines.begun.language, trial);
     const next = following(study.design, this.plan, lines.history, trial);
-    const note = await this.stage.prepare(trial, next, script);
+    const note = await this.stage.prepare(trial, next);
     if (note !== null) await lines.say({ kind: "note", text: note });
     let sent = Promise.resolve();
     const run = new AttemptRun(script, rate.refresh_hz, ({ state }) => {

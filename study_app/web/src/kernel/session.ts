@@ -31,7 +31,6 @@ export type Step =
   | {
       readonly step: "start-block";
       readonly block: number;
-      readonly trials: number;
       /** Nothing was shown yet: instructions come before. */
       readonly first: boolean;
     }
@@ -67,10 +66,7 @@ export function nextStep(design: WebDesign, plan: Plan, events: readonly Session
       }
       continue;
     }
-    if (!started.has(block)) {
-      const trials = ofBlock(plan, block).length;
-      return { step: "start-block", block, trials, first: !started.size };
-    }
+    if (!started.has(block)) return { step: "start-block", block, first: !started.size };
     const [next] = remaining(design, plan, block, attempts);
     if (!next) return { step: "end-block", block };
     const tries = attempts.filter((attempt) => attempt.trial === next.id).length;

@@ -132,10 +132,9 @@ function facts(study: WebStudy, language: string, words: Words, place: string): 
     [words.stored, [[words.storedWhat, ...code, place].join(" ")]],
   ];
   for (const [name, told] of rows) {
-    const [term, description] = [document.createElement("dt"), document.createElement("dd")];
-    term.textContent = name;
+    const description = document.createElement("dd");
     description.append(...told);
-    list.append(term, description);
+    list.append(lineOf(name, "dt"), description);
   }
   return list;
 }

@@ -14,7 +14,7 @@ export function showParts(element: HTMLElement, name: string, ...parts: readonly
 }
 
 /** A line of text, in the direction of its script. */
-export function lineOf(text: string, tag: "p" | "h1" | "kbd" = "p"): HTMLElement {
+export function lineOf(text: string, tag: "p" | "h1" | "kbd" | "dt" | "span" = "p"): HTMLElement {
   const line = document.createElement(tag);
   line.dir = "auto";
   line.textContent = text;

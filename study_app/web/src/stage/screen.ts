@@ -124,7 +124,7 @@ export class Screen implements Stage {
 
   async page(page: Page): Promise<PageResult> {
     const result = await showPage(this.pages, page, this.study, this.words);
-    if (!result.leaves && page.name !== "thanks") await fillScreen(); // a key or click just asked
+    if (!result.leaves) await fillScreen(); // a key or click just asked
     return result;
   }
 
@@ -238,10 +238,7 @@ function answerField(choices: readonly string[], draft: string): Field {
     const label = document.createElement("label");
     const option = document.createElement("input");
     Object.assign(option, { type: "radio", name: "choice", checked: choice === draft });
-    const text = document.createElement("span");
-    text.dir = "auto";
-    text.textContent = choice;
-    label.append(option, text);
+    label.append(option, lineOf(choice, "span"));
     list.append(label);
     return option;
   });

@@ -19,7 +19,6 @@ export interface Jatos {
   setStudySessionData(data: object): Promise<unknown>;
   appendResultData(data: string): Promise<unknown>;
   endStudy(successful: boolean): Promise<unknown>;
-  endStudyAndRedirect(url: string, successful: boolean): Promise<unknown>;
   abortStudy(message?: string): Promise<unknown>;
   uploadResultFile(data: string, name: string): Promise<unknown>;
 }
