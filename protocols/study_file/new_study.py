@@ -66,7 +66,7 @@ _STARTS = {
     _FOVEATED: Start("pictures", "| `pictures/` | your photographs |"),
 }
 WANTED_FPS = 30.0
-_LOOKED_AT = ("two-interval",)  # tasks that show stills where the eye looks
+_LOOKED_AT = ("two-interval", "yes-no", "identification")  # tasks with stills where the eye looks
 _WIDTH = 96
 PICTURE_PX = 128
 """Edge of the pictures that a study of `files` starts from."""
@@ -105,11 +105,17 @@ def study_files(
     ------
     StudyError
         If there is no such task, with the nearest name; or it shows no scenes, and `own` has some;
-        or it shows none in the middle of the gaze, and `own` has photographs.
+        or it shows none in the middle of the gaze, and `own` has photographs; or there are too few
+        conditions.
     """
     own = own or OwnStimuli()
     recipe = _recipe(task, own)
-    sections = {**_sections("shared"), **_sections(task), **_sections(recipe), **own.sections()}
+    part = task
+    if not issubclass(TASKS[task].task, RightOrWrong):
+        own.check_pairs()
+    elif own.stills_px is not None:  # what is drawn into them gives a right answer
+        part = f"photographs-{task}"
+    sections = {**_sections("shared"), **_sections(part), **_sections(recipe), **own.sections()}
     study = _composed(_template("study.toml"), sections)
     answers = len(_toml(study)["text"]["languages"]["en"]["answers"])
     words = _words(name, title, display, own) | _words_of(task, recipe, answers, sections)
@@ -159,6 +165,8 @@ def _words(name: str, title: str, display: Display, own: OwnStimuli) -> dict[str
     """Return the values of ``@WORD@`` in every template: the study, its display, its clips."""
     fps = clip_fps(display.refresh_hz)
     frames = round(fps) if own.clips is None else own.clips.frames
+    low_deg = min(display.angles_deg(*(own.stills_px or (display.width_px, display.height_px))))
+    ring_deg = min(1.25, low_deg / 10)
     return {
         **own.words(),
         "NAME": name,
@@ -174,6 +182,8 @@ def _words(name: str, title: str, display: Display, own: OwnStimuli) -> dict[str
         "FPS": fps,
         "DURATION_S": whole_frames_s(frames, fps),
         "PICTURE_PX": PICTURE_PX,
+        "RING_DEG": f"{ring_deg:.3f}",
+        "RINGS_DEG": [round((low_deg / 2 - ring_deg) * part / 3, 2) for part in (1, 2, 3)],
     }
 
 
@@ -190,6 +200,7 @@ def _words_of(
         "INPUTS": start.inputs,
         "CATCH_MIN_SHARE": start.catch_min_share,
         "POWER": sections.get("power", start.power),
+        "REPEATS": 1 if recipe == _FOVEATED and guess else 2,
         "SIDE": "fixed" if kind.sided or answers > 2 else "by-participant",
         "GUESS": guess,
     }

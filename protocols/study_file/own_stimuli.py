@@ -80,6 +80,9 @@ class OwnStimuli:
             raise StudyError(
                 f"--methods: must name two or more, joined by commas (got {self.methods[0].name!r})"
             )
+
+    def check_pairs(self) -> None:
+        """Refuse what leaves a task that compares methods a single condition."""
         if sum(self._cells.values()) == 1:
             raise StudyError(
                 "a study must have two conditions or more, for no two trials in a row show the same"

@@ -193,12 +193,7 @@ def new_study(
     named = slug(folder.absolute().name) if name is None else name
     named = study_name(named, "--name", "give one with --name")
     words = named.replace("-", " ").replace("_", " ").capitalize()
-    shown = (words if title is None else title).strip()
-    if not shown or re.search(r'["\\\x00-\x1f]', shown):
-        raise StudyError(
-            "--title: must hold no quotes, backslashes and line ends, and not be empty (got"
-            f" {shown!r})"
-        )
+    shown = study_title(words if title is None else title)
     screen = load_display(display)
     study_files(named, shown, screen, task)  # a mistake is told before anything is copied
     pairs = own.pairs()
@@ -395,6 +390,17 @@ def study_name(name: str, where: str, cure: str) -> str:
             f" {cure}"
         )
     return name
+
+
+def study_title(title: str) -> str:
+    """Return a title as TOML may hold it; `StudyError` says what it must be."""
+    shown = title.strip()
+    if not shown or re.search(r'["\\\x00-\x1f]', shown):
+        raise StudyError(
+            "--title: must hold no quotes, backslashes and line ends, and not be empty (got"
+            f" {shown!r})"
+        )
+    return shown
 
 
 def slug(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,7 +31,7 @@ from protocols.revision import code_revision, package_version
 from protocols.study_file.plausible import display_notes, study_notes
 from protocols.study_file.preregister import preregistration, to_markdown
 from protocols.study_file.schema import StudyProtocol
-from study_app.cli.new_study_command import slug, study_name
+from study_app.cli.new_study_command import slug, study_name, study_title
 from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import DisplayOption, ProtocolArgument
 from study_app.cli.terminal import PlainConsole, say, say_notes
@@ -185,10 +186,14 @@ def show(
 def copy(
     name: Annotated[str, typer.Argument(help="A study that comes with metamerlab.")],
     out: Annotated[Path, typer.Argument(help="A new .toml file.", metavar="FILE")],
+    title: Annotated[
+        str | None, typer.Option(help="Title for people to read; default: that it is a copy.")
+    ] = None,
 ) -> None:
     """Copy a study that comes with metamerlab, to change it into one of your own.
 
-    The copy is named like its file, and draws places in the counterbalancing. All comments stay.
+    The copy is named like its file, draws places in the counterbalancing, and names no source: it
+    is a study of your own. All comments stay.
 
     Example: metamerlab protocol copy beyond-blur-preference my-study.toml
     """
@@ -201,9 +206,13 @@ def copy(
     text = text.replace(f'name = "{name}"', f'name = "{own}"', 1)
     if out.suffix != ".toml":
         raise StudyError(f"{out}: the new file must end in .toml")
+    shown = study_title(f"Copy of {name}" if title is None else title)
+    text = re.sub(r"^title = .*$", lambda _: f'title = "{shown}"', text, count=1, flags=re.M)
+    text = re.sub(r"^source = .*\n", "", text, count=1, flags=re.M)
     text = text.replace("\n[design]\n", '\n[design]\nplaces = "drawn"\n', 1)
     _write_new(out, text, "choose a new name")
-    say(f"{out}: {name}, as the study {own!r}. Change it, then:")
+    to_change = "title and description" if title is None else "description"
+    say(f"{out}: {name}, as the study {own!r}. Change it, its {to_change} first, then:")
     say(f"  metamerlab protocol check {shlex.quote(str(out))}")
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import shutil
+import tomllib
 
 import numpy as np
 import pytest
@@ -62,7 +63,10 @@ def test_every_frame_is_there_with_mask_and_depth_and_a_readme(holes):
         assert depth.channels == ("Z",)
         assert (warped[mask[..., 0] > 0] == 0).all()
         assert (mask > 0).any() or line["frame"] == "0"
-    assert 'method = "frames:filled/{scene}/{size}"' in (holes / "README.md").read_text()
+    block = (holes / "README.md").read_text().split("```toml")[1].split("```")[0]
+    (method,) = tomllib.loads(block)["stimuli"]["methods"]
+    named = {"name": "ours", "label": "Ours", "method": "frames:filled/{scene}/{size}"}
+    assert method == named
 
 
 def test_a_folder_with_something_in_it_is_left_alone(small_study, tmp_path):

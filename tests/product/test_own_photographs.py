@@ -9,7 +9,7 @@ from command_line import metamerlab
 from PIL import Image
 from skimage import data
 
-from protocols.load import load_protocol
+from protocols.load import load_protocol, shipped
 
 pytestmark = pytest.mark.slow
 
@@ -41,6 +41,19 @@ def test_photographs_become_a_study_and_its_report(tmp_path, monkeypatch):
     report = Path("report/report.html").read_text(encoding="utf-8")
     assert "Metamer" in report
     assert len(list(Path("my-study/clips").rglob("*.png"))) >= 6
+
+
+@pytest.mark.parametrize("name", shipped("studies"))
+def test_a_copy_is_a_study_of_its_own_and_not_the_paper_s(tmp_path, name):
+    file = tmp_path / "mine.toml"
+    said = metamerlab("protocol", "copy", name, str(file)).output
+    study = load_protocol(file).study
+    assert (study.name, study.title, study.source) == ("mine", f"Copy of {name}", "")
+    assert "Change it, its title and description first, then:" in said
+
+    metamerlab("protocol", "copy", name, str(tmp_path / "b.toml"), "--title", r"Ours \1", status=2)
+    metamerlab("protocol", "copy", name, str(tmp_path / "b.toml"), "--title", "Ours, 2nd")
+    assert load_protocol(tmp_path / "b.toml").study.title == "Ours, 2nd"
 
 
 def test_a_copy_is_never_written_over_an_old_file(tmp_path):

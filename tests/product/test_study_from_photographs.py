@@ -73,6 +73,27 @@ def test_photographs_are_a_built_foveated_study_in_three_commands(metamerlab, ph
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("shared_gl_context")
+@pytest.mark.parametrize("task", ["yes-no", "identification"])
+def test_one_photograph_is_a_study_of_detection_that_people_can_take(metamerlab, photographs, task):
+    made = "new-study", "s", "--photos", photographs[0], "--task", task, "--methods", "blur,eidolon"
+    metamerlab(*made)  # of pairs it would be a single condition
+    checked = metamerlab("protocol", "check", "s/study.toml").stdout
+    metamerlab("stimuli", "build", "s/study.toml", "--out", "s/clips")
+    taken = ("s/study.toml", "--stimuli", "s/clips", "--out", "p", "--participants", "2")
+    simulated = metamerlab("session", "simulate", *taken)
+    metamerlab("analysis", "report", "p", "--protocol", "s/study.toml", "--out", "r")
+    # Two methods, and cuts: 2 kinds x 6 angles; rings: 3 distances, open or closed, 2 places.
+    assert "24 decisions on my-display" in checked
+    assert "2 simulated sessions, 48 decisions" in simulated.stdout
+    assert "Eidolon" in Path("r/report.html").read_text(encoding="utf-8")
+    rings, (width_px, height_px) = load_protocol(Path("s/study.toml")).stimuli.rings, (128, 72)
+    if rings is not None:  # they lie in the picture, whole
+        reach_deg = max(rings.eccentricities_deg) + rings.height_deg / 2
+        assert reach_deg < min(load_display("s/display.toml").angles_deg(width_px, height_px)) / 2
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("shared_gl_context")
 def test_an_exr_sequence_is_a_built_study_in_three_commands(metamerlab, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     frames(tmp_path / "frames", 6)
@@ -152,8 +173,8 @@ def test_frames_that_the_display_has_no_room_for_are_cut_with_a_note(
         (["--photos", "Astronaut.jpg", "--methods", "blur,metamr"], "did you mean 'metamer'"),
         (["--photos", "Astronaut.jpg", "--methods", "blur,push-pull"], "'push-pull'"),
         (["--photos", "Astronaut.jpg", "--scene", "garden"], "make a study of each"),
-        (["--photos", "Astronaut.jpg", "--task", "two-alternative"], "must be two-interval where"),
-        (["--photos", "Astronaut.jpg", "--task", "abx"], "must be two-interval where"),
+        (["--photos", "Astronaut.jpg", "--task", "two-alternative"], "or identification where"),
+        (["--photos", "Astronaut.jpg", "--task", "abx"], "or identification where"),
         (["--exr", "shot_####.exr"], "shot_####.exr: no such file"),
         (["--exr", "Astronaut.jpg"], "Astronaut.jpg"),
         (["--exr", "a_1.exr", "b_1.exr"], "must be frames of one sequence"),
@@ -235,7 +256,7 @@ def test_every_small_study_has_an_order_without_neighbours_alike(
         pairs = (len(methods) - 1) * (len(methods) - 2) // 2
     if scenes * pairs * (1 if sequences else 2) == 1:
         with pytest.raises(StudyError, match="two conditions or more"):
-            OwnStimuli(tuple(own), methods, clips)
+            OwnStimuli(tuple(own), methods, clips).check_pairs()
         return
     if not pairs:
         return  # told by the check of methods
