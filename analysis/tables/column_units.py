@@ -27,7 +27,10 @@ _SAME = {
     **dict.fromkeys(("error", "errors", "err", "wrong", "incorrect"), "errors"),
     **dict.fromkeys(("degrees", "degree", "dva"), "deg"),
 }
-_WITH_UNIT = re.compile(r"([-+]?[\d.]+)\s*([a-zµμ]+|%)", re.IGNORECASE)
+_WITH_UNIT = re.compile(r"([-+]?[\d.]+(?:e-?\d+)?)\s*([a-zµμ]+|%)", re.IGNORECASE)
+_CURRENCY = re.compile(r"[$€£¥₹]|\b(EUR|USD|GBP|CHF|JPY)\b")
+_PARTS = re.compile(r"([-+]?\d[^a-zµμ%]*?)(\s*(?:[a-zµμ]+|%))?", re.IGNORECASE)
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([ ,.'\u2019\u00a0\u202f])\d{3}(\1\d{3})*([.,]\d+)?")
 
 
 def unit_of(column: Column | None, name: str) -> str:
@@ -53,21 +56,47 @@ def said_by(name: str, base: str) -> str | None:
 
 
 def converted(values: pd.Series, unit: str) -> pd.Series:
-    """Return texts of numbers in our unit; what is no number stays."""
+    """Return texts of numbers in our unit, from that behind each, else `unit`; others stay."""
     if unit == "errors":
         turned = values.mask(among(values, YES), "0")
         return turned.mask(among(values, NO), "1")
-    factor = next(table[unit] for table in UNITS.values() if unit in table)
-    bare = values.str.strip().str.replace(_WITH_UNIT, r"\1", regex=True)
+    base = next(base for base, table in UNITS.items() if unit in table)
+    texts = values.str.strip()
+    behind = texts.str.extract(f"^{_WITH_UNIT.pattern}$", flags=re.IGNORECASE)[1]
+    own = {word: UNITS[base][known_unit(word, base) or unit] for word in behind.dropna().unique()}
+    factor = behind.map(own).astype(float).fillna(UNITS[base][unit])
+    bare = texts.str.replace(_WITH_UNIT, r"\1", regex=True)
     numbers = pd.to_numeric(bare, errors="coerce").astype(float)
     return values.where(numbers.isna(), (numbers * factor).map(lambda one: f"{one:.12g}"))
 
 
+def no_percent(values: pd.Series) -> pd.Series:
+    """Return True for numbers up to 1 without ``%`` beside others with it: they may be shares."""
+    numbers = pd.to_numeric(values, errors="coerce").abs()
+    return numbers.between(0, 1, inclusive="right") & bool(values.str.contains("%").any())
+
+
 def cure(text: str, option: str) -> str:
-    """Return the cure for numbers with a unit behind, such as ``534 ms``; empty: it is none."""
+    """Return the cure for a cell that is no number, by what stands in it; empty: there is none."""
     found = _WITH_UNIT.fullmatch(text)
-    unit = found and known_unit(found[2], "")
-    return f"; say its unit: {option}:{unit}" if unit else ""
+    if unit := found and known_unit(found[2], ""):
+        return f"; say its unit: {option}:{unit}"
+    bare = _CURRENCY.sub("", text).strip()
+    if not (parts := _PARTS.fullmatch(bare)):
+        return ""
+    number, behind = parts.groups("")
+    ways = []
+    if grouped := _GROUPED.fullmatch(number):
+        whole = number.removesuffix(grouped[3] or "").replace(grouped[1], "")
+        decimals = (grouped[3] or "").replace(",", ".")
+        ways.append(f"thousands without marks between: {whole}{decimals}{behind}")
+    if re.fullmatch(r"[-+]?\d+,\d+", number):
+        ways.append(f"decimals with a point: {number.replace(',', '.')}{behind}")
+    if not ways and bare != text:
+        ways.append(f"the number alone: {bare}")
+    if not ways and ":" in number:
+        ways.append("durations as one number of seconds")
+    return "; write " * bool(ways) + ", or ".join(ways)
 
 
 def impossible(name: str, base: str, values: pd.Series, people: pd.Series | None) -> str:

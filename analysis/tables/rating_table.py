@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from analysis.tables import column_units
 from analysis.tables.decisions import by_place, refuse_equals
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.table_files import shortened
@@ -103,7 +104,8 @@ def _ratings(table: Table, by: str | None, scale: Sequence[str], option: str) ->
 
     def said(at: int) -> str:
         got = shortened(ratings[at])
-        hint = did_you_mean(got, list(scale)) if scale else ""
+        option = table.cure(f"--map rating={table.theirs('rating')}")
+        hint = did_you_mean(got, list(scale)) if scale else column_units.cure(got, option)
         return f"rating must be {must} (got {got!r}){hint}"
 
     table.refuse(~known, said)

@@ -28,6 +28,16 @@ _PARTS: Final = (
 )  # fmt: skip
 """Beginnings of the names of the parts that say something of cells."""
 _ERROR: Final = re.compile(rb"""(<(?:\w+:)?c\b[^<>]*\bt\s*=\s*["'])e(?=["'])""")
+_CELL: Final = (
+    rb'(<(?:\w+:)?c\b(?![^<>]*\st="[^n])[^<>]*\ss="(?:%s)"[^<>]*>'
+    rb"(?:\s*<(?:\w+:)?f\b[^<>]*>(?:[^<]*</(?:\w+:)?f>)?)?\s*<(?:\w+:)?v>)([^<]+)"
+)
+"""A number of .xlsx, by its styles: what stands before it, perhaps with a formula, and it."""
+_PERCENTAGE: Final = re.compile(
+    rb'(<table:(?:covered-)?table-cell\b(?=[^<]*\soffice:value-type="percentage")'
+    rb'[^<]*?\soffice:value=")([^"]+)'
+)
+_LITERAL: Final = re.compile(r'"[^"]*"|\\.')
 _PLACE: Final = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 _MOST_COLUMNS, _MOST_ROWS, _MOST_LETTERS = (
     FIXED[name].most for name in ("columns", "sheet_rows", "cell")
@@ -48,8 +58,8 @@ class DateText(str):
 def read_spreadsheet(path: Path, notes: list[str]) -> list[list[str]]:
     """Return the rows of the first sheet; blank rows are empty lists.
 
-    Formulas give the value that was stored with them, dates and times a `DateText`. `notes` is told
-    where there are more sheets.
+    Formulas give the value that was stored with them, dates and times a `DateText`, numbers shown
+    as percentages a text such as ``43%``. `notes` is told where there are more sheets.
 
     Raises
     ------
@@ -105,22 +115,38 @@ def _held(path: Path, file: io.BufferedReader) -> io.BytesIO:
         check_within("text", size, StudyError, path, "bytes in its sheets")
         extent = _Extent(path)
         # What cells share comes first.
-        for name in sorted(parts, key=lambda name: not name.lower().startswith("xl/shared")):
+        shared = ("xl/shared", "xl/styles")
+        for name in sorted(parts, key=lambda name: not name.lower().startswith(shared)):
             data = packed.read(name)
             if not name.endswith("mimetype"):
                 extent.hold(data)
-            held.writestr(name, _ERROR.sub(rb"\1str", data))  # errors are texts
+            data = _PERCENTAGE.sub(_percentage, _ERROR.sub(rb"\1str", data))  # errors are texts
+            if styles := extent.percentages():
+                data = re.sub(_CELL % b"|".join(styles), _percentage, data)
+            held.writestr(name, data)
     made.seek(0)
     return made
 
 
+def _percentage(found: re.Match[bytes]) -> bytes:
+    """Return the beginning of a cell as a text, with the percentage that it shows."""
+    start = found[1].replace(b' t="n"', b"")
+    start = start.replace(b' office:value="', b' office:string-value="')
+    return start + f"{100 * float(found[2]):.15g}%".encode()
+
+
 class _Extent:
-    """Receiver of what a parser finds in sheets: how far they reach, and the letters in them."""
+    """Receiver of what a parser finds: extent and letters of sheets, and styles of percentages."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._elements = self._area = 0
         self._shared: list[int] = []
+        self._formats, self._styles = {"9", "10"}, list[str]()
+
+    def percentages(self) -> list[bytes]:
+        """Return the styles of cells that show numbers as percentages."""
+        return [str(k).encode() for k, one in enumerate(self._styles) if one in self._formats]
 
     def hold(self, data: bytes) -> None:
         """Look through a part.
@@ -176,6 +202,12 @@ class _Extent:
                 if self._width > _MOST_COLUMNS:
                     raise StudyError(f"{self._path}: row {self._row}: has too many columns")
                 self._area = max(self._area, self._width * (self._row + self._rows))
+            case "numFmt" if "%" in _LITERAL.sub("", said.get("formatCode", "")):
+                self._formats.add(said.get("numFmtId", ""))
+            case "cellXfs":
+                self._styles.clear()  # those before are of named styles
+            case "xf":
+                self._styles.append(said.get("numFmtId", ""))
             case "si":
                 self._cell, self._letters, self._place = self._depth, 0, None
             case "s":

@@ -71,8 +71,8 @@ class Table:
         path : Path
             As `analysis.tables.table_files.rows_of` takes it.
         mapping : mapping of our name to the file's column
-            ``COLUMN``, or ``COLUMN:UNIT`` where its unit is another. Columns that already have our
-            names need no entry.
+            ``COLUMN``, ``COLUMN:UNIT`` where its unit is another, or ``COLUMN+COLUMN`` where two
+            make a name. Columns that already have our names need no entry.
         where : sequence of str
             Conditions such as ``contrast>0`` that every row must fulfil.
         answers : mapping
@@ -104,9 +104,8 @@ class Table:
         self._source = self.rows
         self._units: dict[str, str] = {}  # of each column that was renamed, as said or taken
         self._refuse_doubled(mapping or {})
-        original = self.rows
         for ours, theirs in (mapping or {}).items():
-            self._rename(ours, theirs, original)
+            self._rename(ours, theirs)
         # What was mapped is no other of our columns.
         self.rows = self.rows.drop(columns=list(self.renamed & OURS.keys()))
         for condition in where:
@@ -114,6 +113,9 @@ class Table:
         if answers:
             self._call_answers(answers)
         self._without_summaries()
+        if "participant" in self.rows:
+            theirs = self.theirs("participant")
+            self.notes += row_checks.shared_names(self.rows, self.cure("--map"), theirs)
 
     # Messages.
 
@@ -293,7 +295,6 @@ class Table:
             ~missing(raw) & ~np.isfinite(values),
             lambda at: (
                 f"{column} must be a number (got {shortened(raw[at])!r})"
-                + ("; write decimals with a point" if "," in raw[at] else "")
                 + column_units.cure(raw[at], self.cure(f"--map {column}={self.theirs(column)}"))
             ),
         )
@@ -374,20 +375,27 @@ class Table:
 
     # How the table is made.
 
-    def _rename(self, ours: str, text: str, original: pd.DataFrame) -> None:
-        header = list(map(str, original.columns))
+    def _rename(self, ours: str, text: str) -> None:
+        header = list(map(str, self._source.columns))
         base = column_units.unit_of(OURS.get(ours), ours)
         theirs, unit = column_units.split_unit(text, header, base, f"--map {ours}={text}")
-        if theirs not in header:
+        parts = theirs.split("+")
+        if theirs not in header and set(parts) <= set(header):
+            joined = self._source[parts].agg("-".join, axis=1)
+            self._source = self._source.assign(**{theirs: joined})
+        elif theirs not in header:
             raise StudyError(
                 f"{self.path}: must have the column {theirs!r} mapped to {ours}"
                 f" (found: {', '.join(header)}){did_you_mean(theirs, header)}"
             )
-        values = original[theirs]
+        values = self._source[theirs]
         if unit is None and ours != theirs:
             unit = column_units.said_by(theirs, base)
             if unit not in (None, base, "right"):
                 self.notes.append(f"{theirs} read in {unit}, as its name says")
+        if unit == "percent":
+            must = f"{theirs} must have % in all cells or in none"
+            self.refuse(column_units.no_percent(values), must, values)
         self.rows = self.rows.assign(
             **{ours: values if unit is None else column_units.converted(values, unit)}
         )

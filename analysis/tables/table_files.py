@@ -31,8 +31,8 @@ FIRST_LINE = 2
 SHOWN_LETTERS = 60
 _ZIPPED = b"PK\x03\x04"
 _LIST = re.compile(r"""\[\s*(?:'([^']*)'|"([^"]*)"|([-+\d.eE]+))?\s*,?\s*\]""")
-_DECIMAL = re.compile(r"[+-]?\d+,\d+")
-_NUMBER = re.compile(r"[+-]?\d+(,\d+)?")
+_DECIMAL = re.compile(r"[+-]?\d+,\d+(\s*(%|m?s|deg))?")
+_NUMBER = re.compile(r"[+-]?\d+(,\d+)?(\s*(%|m?s|deg))?")
 _SAME_ROWS = 4
 """Files with so many rows or more are not the same by chance."""
 
@@ -230,7 +230,8 @@ def _decimal_points(found: FileRows) -> list[str]:
             continue
         for row in found.rows:
             row[place] = row[place].strip().replace(",", ".")
-        turned.append(name)
+        first = next(filter(_DECIMAL.fullmatch, filled))
+        turned.append(f"{name} ({first} is {first.replace(',', '.')})")
     return [f"decimal commas read as points: {', '.join(turned)}"] if turned else []
 
 

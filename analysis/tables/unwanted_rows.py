@@ -7,14 +7,23 @@ import numpy as np
 import pandas as pd
 
 from analysis.tables.words import means, missing
+from protocols.browser.shared_links import SLOT, shared_links
 from protocols.columns import Column
+from protocols.errors import count_of
 
 _MONTH = "(jan|feb|m[aä]r|apr|ma[yi]|jun|jul|aug|sep|o[ck]t|nov|de[cz])"
 _DATE = re.compile(
     r"\d{4}-\d\d?-\d\d?([ T].*)?|\d\d?[./-]\d\d?[./-](\d\d|\d{4})"
-    rf"|\d\d?[-. ]{_MONTH}(-\d\d|-\d{{4}})?|{_MONTH}[- ]\d\d",
+    rf"|\d\d?[-. ]{_MONTH}(-\d\d|-\d{{4}})?|{_MONTH}[- ]\d\d"
+    r"|0\d:\d\d|\d\d?:0\d|\d\d?:\d\d:\d\d( [AP]M)?",
     re.IGNORECASE,
 )
+_PLACE = re.compile(
+    r"(lab|laboratory|site|test_?site|group|cent(er|re)|school|clinic|hospital|university|country)s?"
+    r"(_?(id|name|code|number|no))?",
+    re.IGNORECASE,
+)
+"""Columns that are one for a person."""
 _SERIAL = re.compile(r"[345]\d{4}(\.0)?")
 """A day since 1900, as spreadsheets count it: 1982 to 2064."""
 _CLOCKS = {"timestamp", "time_elapsed"}
@@ -72,6 +81,25 @@ def look_alike(values: Iterable[str], *, codes: bool) -> list[list[str]]:
             if bare in groups and bare != key:
                 groups[bare] += groups.pop(key)
     return [sorted(group) for group in groups.values() if len(group) > 1]
+
+
+def shared_names(rows: pd.DataFrame, option: str, code: str) -> list[str]:
+    """Return notes on codes that come in several labs or groups, and on slots of several people."""
+    notes = []
+    who = rows["participant"].str.strip()
+    for name in filter(_PLACE.fullmatch, map(str, rows.columns)):
+        places = rows[name].str.strip().mask(missing(rows[name])).groupby(who).nunique()
+        if several := int((places > 1).sum()):
+            notes.append(
+                f"{several} of {count_of(len(places), 'participant code')} come in several of"
+                f" {name}: each counts as one person; if others have the same code there, say"
+                f" {option} participant={name}+{code}"
+            )
+    if "slot" in rows:
+        slots = rows["slot"].str.strip().groupby(who).unique()
+        marks = {str(one): [(SLOT, slot) for slot in own if slot] for one, own in slots.items()}
+        notes += map(str, shared_links(marks))
+    return notes
 
 
 def doubled(rows: pd.DataFrame, times: Column) -> tuple[int, int] | None:

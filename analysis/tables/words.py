@@ -19,8 +19,8 @@ MISSING = {
     *RAN_OUT,
 }
 """No answer; written without blanks, hyphens and brackets."""
-YES = {"1", "1.0", "true", "t", "yes", "y", "correct", "right", "ja", "richtig"}
-NO = {"0", "0.0", "false", "f", "no", "n", "incorrect", "wrong", "nein", "falsch"}
+YES = {"1", "1.0", "100%", "true", "t", "yes", "y", "correct", "right", "ja", "richtig"}
+NO = {"0", "0.0", "0%", "false", "f", "no", "n", "incorrect", "wrong", "nein", "falsch"}
 FIRST = {"first", "left", "1", "a"}
 SECOND = {"second", "right", "2", "b"}
 CHOSE_FIRST = {"1.0", "true", "yes", *FIRST}
