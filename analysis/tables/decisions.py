@@ -7,7 +7,7 @@ from analysis.data_dictionary import frame
 from analysis.models.contrasts import check_conditions
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.trials import confidence_of, given_columns
-from analysis.tables.unanswered import leave_out_unanswered
+from analysis.tables.unwanted_rows import leave_out_unanswered
 from analysis.tables.words import CHOSE_FIRST, CHOSE_SECOND, FIRST, SECOND, TIES, among, missing
 from protocols.columns import Column, decided
 from protocols.tasks.confidence_question import CONFIDENCE

@@ -9,7 +9,7 @@ from analysis.tables import column_units
 from analysis.tables.decisions import by_place, refuse_equals
 from analysis.tables.table import Source, Table, opened
 from analysis.tables.table_files import shortened
-from analysis.tables.unanswered import leave_out_unanswered
+from analysis.tables.unwanted_rows import leave_out_unanswered
 from analysis.tables.words import TIES, among
 from protocols.errors import StudyError, did_you_mean
 

@@ -14,26 +14,15 @@ from analysis.tables import unwanted_rows as row_checks
 from analysis.tables.counts import Counted
 from analysis.tables.spreadsheet import DateText
 from analysis.tables.table_files import FIRST_LINE, counted_lines, rows_of, shortened
-from analysis.tables.words import NO, SUMMARY, YES, among, means, missing
-from protocols.columns import COMMON_COLUMNS, attempted, decided
+from analysis.tables.words import NO, OURS, SUMMARY, YES, among, means, missing
+from protocols.columns import COMMON_COLUMNS
 from protocols.errors import StudyError, count_of, did_you_mean
-from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
-from protocols.tasks.rating import RATING_COLUMNS
-from protocols.tasks.single import ANSWER_COLUMNS
 
 LARGEST_WHOLE = 2**53
 """Beyond, tables of numbers do not tell neighbours apart."""
 DAY_S = 86_400.0
 BY_IMPORT = "metamerlab analysis import TABLE "
 """Command that tells columns and rows, for commands without --map and --where."""
-OURS = {
-    column.name: column
-    for column in (
-        *attempted((*SCENE_COLUMNS, *PAIR_COLUMNS), CHOICE_COLUMNS),
-        *decided((), (*ANSWER_COLUMNS, *RATING_COLUMNS)),
-    )
-}
-"""All columns that analyses know, by name."""
 _CODES = {99.0, 999.0, 9999.0, 99999.0, -9.0, -99.0, -999.0, -9999.0}
 """Codes of a missing number, where they lie far from all others."""
 _RATING_CODES = {9.0, 77.0, 88.0, -1.0, *_CODES}
@@ -463,7 +452,7 @@ class Table:
         rows = self.rows
         if (who := mapping.get("participant", "")) in rows and "participant" not in rows:
             rows = rows.assign(participant=rows[who])
-        places = row_checks.doubled(rows, OURS["rt_s"])
+        places = row_checks.doubled(rows)
         if places is not None:
             first, second = map(self.place, places)
             raise StudyError(

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.tables.table import Source, Table, opened
-from analysis.tables.unanswered import leave_out_unanswered
+from analysis.tables.unwanted_rows import leave_out_unanswered
 from analysis.tables.words import missing
 from protocols.columns import Column, decided
 from protocols.errors import StudyError, count_of

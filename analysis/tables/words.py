@@ -1,11 +1,22 @@
-"""Words that tables use for missing, yes, no, first, second and ties: one list for all readers."""
+"""Columns of tables, and words for missing, yes, no, first, second and ties: one list for all."""
 
 import re
 
 import pandas as pd
 
-from protocols.columns import Column
+from protocols.columns import Column, attempted, decided
+from protocols.tasks.pairs import CHOICE_COLUMNS, PAIR_COLUMNS, SCENE_COLUMNS
+from protocols.tasks.rating import RATING_COLUMNS
+from protocols.tasks.single import ANSWER_COLUMNS
 
+OURS = {
+    column.name: column
+    for column in (
+        *attempted((*SCENE_COLUMNS, *PAIR_COLUMNS), CHOICE_COLUMNS),
+        *decided((), (*ANSWER_COLUMNS, *RATING_COLUMNS)),
+    )
+}
+"""All columns that analyses know, by name."""
 RAN_OUT = {
     *("timeout", "timedout", "toolate", "tooslow", "noresponse", "noresp", "noanswer", "nokey"),
     *("nokeypress", "nopress", "nobutton", "noinput", "didnotrespond", "didnotanswer"),

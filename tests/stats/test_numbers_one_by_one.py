@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from command_line import result_of
 
-from analysis.tables.unanswered import at_limit
+from analysis.tables.unwanted_rows import at_limit
 from protocols.plausible_numbers import MIXED, SINGLE, point_between_thousands, shifted
 
 run = result_of(catch_exceptions=False)
