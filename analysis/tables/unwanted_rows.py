@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -24,9 +25,6 @@ from analysis.tables.words import (
 from protocols.browser.shared_links import SLOT, shared_links
 from protocols.columns import COMMON_COLUMNS
 from protocols.errors import StudyError, count_of
-
-if TYPE_CHECKING:
-    from analysis.tables.table import Table
 
 _MONTH = "(jan|feb|m[aä]r|apr|ma[yi]|jun|jul|aug|sep|o[ck]t|nov|de[cz])"
 _DATE = re.compile(
@@ -88,8 +86,24 @@ def spoilt(values: pd.Series) -> tuple[pd.Series, bool]:
     return values.isin(dates), len(dates) == len(unique)
 
 
+class CheckedRows(Protocol):
+    """Rows of a table, with what was noted and asked for."""
+
+    path: Path
+    rows: pd.DataFrame
+    notes: list[str]
+    filtered: set[str]
+    bounded: set[tuple[str, str]]
+
+    def cure(self, words: str) -> str:
+        """Return an option as the command at hand takes it."""
+
+    def leave_out(self, out: pd.Series, why: str) -> None:
+        """Leave rows out, and note how many."""
+
+
 def leave_out_unanswered(
-    table: Table,
+    table: CheckedRows,
     columns: Sequence[str],
     answers: Collection[str] = (),
     noun: str = "answer",
@@ -158,7 +172,7 @@ def leave_out_unanswered(
         raise StudyError(f"{table.path}: must hold at least one {noun} ({why})")
 
 
-def _at_limit(table: Table, name: str, right: pd.Series, wrong: pd.Series) -> pd.Series:
+def _at_limit(table: CheckedRows, name: str, right: pd.Series, wrong: pd.Series) -> pd.Series:
     """Return True where a time is the limit, and note it."""
     last = at_limit(table.rows[name], right, wrong)
     if last.any():
