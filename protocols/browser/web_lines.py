@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field, JsonValue, StringConstraints, TypeAdapter
+from pydantic import FailFast, Field, JsonValue, StringConstraints, TypeAdapter
 from pydantic.json_schema import SkipJsonSchema
 
 from protocols.journal import (
@@ -132,9 +132,9 @@ class Press(Model):
 class AttemptLine(Sent, AttemptOutcome):
     """One attempt at a trial, with what was observed in it."""
 
-    flips_us: tuple[Microseconds, ...]
+    flips_us: Annotated[tuple[Microseconds, ...], FailFast()]
     """Times of flips: the first on the page's clock, each other one since that before."""
-    presses: tuple[Press, ...]
+    presses: Annotated[tuple[Press, ...], FailFast()]
     disturbed: tuple[Count, Literal["focus", "hidden", "full-screen", "size"]] | None
     """After which flip something came between participant and page, and what."""
     window: BrowserWindow | None = None

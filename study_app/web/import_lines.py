@@ -76,7 +76,12 @@ from study_app.session import (
     TakeBreak,
     next_step,
 )
-from study_app.session_folders import SessionFolder, find_sessions, session_folder
+from study_app.session_folders import (
+    SessionFolder,
+    find_sessions,
+    require_portable,
+    session_folder,
+)
 from study_app.stage import FlipPicture, FlipReport, KeyPress
 from study_app.trial import Trial
 from study_app.verification import verify
@@ -168,7 +173,8 @@ def import_results(
     marks = {one.participant: session_marks(one.journal.start, one.folder) for one in known}
     importer = _Importer(WebBuild(study, display, manifest), root, slots, write)
     results = []
-    for who, found in sorted(ours.items()):
+    # Browsers draw small letters: who copies a code in capitals comes after.
+    for who, found in sorted(ours.items(), key=lambda one: one[0].swapcase()):
         result = importer.participant(who, found)
         if result.begun is not None:
             sender = inbox.marks(found)
@@ -248,6 +254,7 @@ class _Importer:
     def _history(self, who: str, history: Sequence[TreeLine]) -> ImportResult:
         self._session = session = RebuiltSession(self.build, whole_lines(history))
         folder, start = session_folder(self.root, self.build.study, who), session.begun
+        require_portable(folder)
         if start.slot_from != "drawn" and start.slot in self.slots:
             raise ContradictionError(
                 f"slot {start.slot} is that of the lab's session {self.slots[start.slot]!r}: two"

@@ -37,8 +37,16 @@ _PARTS = re.compile(rb'(?=\{"study":|\xff\xfe\{\0"\0|\xfe\xff\0\{\0"|\xef\xbb\xb
 _PIECE = 1 << 16
 _SHOWN = 20
 """Damaged lines that are named."""
-_LONGEST = 1 << 24
-"""Characters of a line: an attempt of half a day."""
+_LONGEST = 1 << 23
+"""Characters of a line: an attempt of six hours."""
+_BEGINNINGS = (
+    b'{"study":',
+    b'{\0"\0s\0',
+    b'\0{\0"\0s',
+    b"\xff\xfe{\0",
+    b"\xfe\xff\0{",
+    b'\xef\xbb\xbf{"',
+)
 _BLANK = "\ufeff\0 \t\r\n\v\f"
 _GOES_ON = "trailing characters"
 _EXPORTED = (
@@ -111,16 +119,15 @@ class BrowserResults:
             If there are more lines than the limit allows.
         """
         name = shown(name)
-        count = max(data.count(b"\n"), data.count(b'{"study":'))
-        check_within("events", count, StudyError, Path(name), "lines")
+        check_within("events", _most_lines(data), StudyError, Path(name), "lines")
         number, notes = 1, list[str]()
         for part in _PARTS.split(data):
-            for row, text in enumerate(decoded_text(part, notes).split("\n")):
+            for row, text in enumerate(_lines_in(part, notes)):
                 number += row > 0
                 for piece in _BEGINNING.split(text):
                     if line := piece.strip(_BLANK):
                         self._take(line, f"{name}: line {number}", place)
-        self.notes += [f"{name}: {note}" for note in notes]
+        self.notes += [f"{name}: {note}" for note in notes][: max(0, _SHOWN - len(self.notes))]
 
     def _take(self, text: str, where: str, place: str) -> None:
         """Take a line. Behind one that is whole may stand the end of another."""
@@ -137,10 +144,24 @@ class BrowserResults:
             found.places.add(place)
 
 
+def _most_lines(data: bytes) -> int:
+    """Return the number of lines that a text can hold, joined or not."""
+    return max(data.count(b"\n"), sum(map(data.count, _BEGINNINGS)))
+
+
+def _lines_in(part: bytes, notes: list[str]) -> Iterator[str]:
+    """Yield the lines of a part; one that is too long is cut, since letters take up to 4 bytes."""
+    if 0 in part[:200]:  # UTF-16, or no text
+        yield from decoded_text(part, notes).split("\n")
+        return
+    for line in part.split(b"\n"):
+        yield decoded_text(line[: _LONGEST + 1].strip(b"\0"), notes)
+
+
 def _line_of(text: str) -> tuple[AnyLine | None, str]:
     """Return a line, or why the text is none."""
     if len(text) > _LONGEST:
-        return None, f"line: must have at most {_LONGEST:,} characters (has {len(text):,})"
+        return None, f"line: must have at most {_LONGEST:,} characters (has more)"
     try:
         return LINE.validate_json(text), ""
     except ValidationError as error:
@@ -224,22 +245,26 @@ def _read_file(path: Path, inbox: BrowserResults) -> None:
     left, lines = limit("unpacked"), 0
     if any(re.fullmatch(r"[^/]+\.jas", entry.filename) for entry in archive.infolist()):
         raise StudyError(_EXPORTED.format(path))
-    for entry in archive.infolist():
+    refused = list[str]()
+    for entry in sorted(archive.infolist(), key=lambda one: one.file_size):  # floods come last
         if not entry.filename.lower().endswith((".txt", METADATA, *_ARCHIVES)):
             continue
         place = Path(f"{path}: {shown(entry.filename)}")
         try:
             text = _unpacked(archive, entry, place, min(left, limit("table")))
+            left, more = left - len(text), lines + _most_lines(text)
+            check_within("events", more, StudyError, place, "lines with those before")
+            _take_text(inbox, f"{path.name}: {entry.filename}", text, entry.filename)
+            lines = more
         except StudyError as error:
-            inbox.unread.append(str(error))
-            continue
-        left, lines = left - len(text), lines + text.count(b"\n")
-        check_within("events", lines, StudyError, path, "lines")
-        _take_text(inbox, f"{path.name}: {entry.filename}", text, entry.filename)
+            refused.append(str(error))
+    inbox.unread += refused[:_SHOWN]
+    if len(refused) > _SHOWN:
+        inbox.unread.append(f"{path}: {len(refused) - _SHOWN:,} more parts were not read")
 
 
 def _take_text(inbox: BrowserResults, name: str, text: bytes, place: str) -> None:
-    if not place.endswith(METADATA):
+    if not place.endswith(METADATA) or "comp-result_" in place:  # who takes part sends files, too
         inbox.read(name, text, place)
     elif not inbox.senders.read(text):
         inbox.notes.append(f"{shown(name)}: not as JATOS writes it; workers are not known")

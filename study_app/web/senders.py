@@ -8,6 +8,7 @@ from collections import defaultdict
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from protocols.browser.shared_links import Mark
+from protocols.limits import limit
 
 METADATA = "metadata.json"
 COMPONENT_RESULT, STUDY_RESULT = "component result of JATOS", "study result of JATOS"
@@ -47,6 +48,8 @@ class Senders:
 
     def read(self, metadata: bytes) -> bool:
         """Take a `metadata.json`; False where it is not as JATOS writes it."""
+        if metadata.count(b"{") > limit("events"):
+            return False
         try:
             told = _Metadata.model_validate_json(metadata)
         except ValidationError:

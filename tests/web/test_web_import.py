@@ -160,6 +160,14 @@ def test_whoever_knows_a_code_takes_back_no_session_that_was_completed(kernel, o
     assert alone.state == "imported"
 
 
+def test_a_code_copied_in_capitals_comes_after_the_browsers_own(kernel, of, sent, tmp_path):
+    """Windows and macOS have one folder for both."""
+    lines = of.session(kernel, "w-1", luck=2)["results"]
+    own, other = imported(of, [*sent[0], *lines], tmp_path)
+    assert (own.participant, own.state, other.state) == ("w-1", "imported", "refused")
+    assert "must differ by more than case" in other.message
+
+
 def test_whatever_goes_wrong_among_histories_is_a_refusal(of, sent, tmp_path, monkeypatch):
     real = import_lines.histories
 

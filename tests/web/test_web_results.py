@@ -10,7 +10,9 @@ import tracemalloc
 import zipfile
 
 import pytest
+from pydantic import ValidationError
 
+from protocols.browser.web_lines import LINE
 from protocols.errors import StudyError
 from study_app.web.histories import histories
 from study_app.web.read_results import (
@@ -240,6 +242,48 @@ def test_what_is_no_file_in_a_folder_is_named_and_costs_no_other(tmp_path):
     assert [line.split(":")[0].rpartition("/")[2] for line in inbox.unread] == [
         "circle", "link", "pipe", "socket", "nowhere.txt",
     ]  # fmt: skip
+
+
+def test_one_entry_that_floods_costs_no_other_of_its_archive(tmp_path, monkeypatch):
+    monkeypatch.setenv("METAMERLAB_LIMITS", "events=1000")
+    (tmp_path / "a.zip").write_bytes(archive(b"\n" * 5000, *[b"\n" * 900] * 30, A, B))
+    inbox = read_web_results([tmp_path])
+    assert held(inbox) == BOTH
+    assert "must have at most 1,000 lines" in inbox.unread[0]
+    assert inbox.unread[-1].endswith("more parts were not read")
+    assert len(inbox.unread) == 21
+
+
+@pytest.mark.parametrize("mark", ['{"study":', '{"'])
+@pytest.mark.parametrize("code", ["utf-16", "utf-8-sig"])
+def test_beginnings_are_counted_however_they_are_encoded(code, mark, monkeypatch):
+    monkeypatch.setenv("METAMERLAB_LIMITS", "events=1000")
+    with pytest.raises(StudyError, match="at most 1,000 lines"):
+        read(mark.encode(code) * 2000)
+
+
+@pytest.mark.parametrize("field", ["flips_us", "presses"])
+def test_of_a_list_full_of_faults_the_first_is_told(field):
+    """Each fault took half a kilobyte: a line of 16 MB took seven gigabytes."""
+    one = json.loads(said("A1", 0)) | {"kind": "attempt", field: [{}] * 5000}
+    with pytest.raises(ValidationError) as refused:
+        LINE.validate_json(json.dumps(one))
+    assert refused.value.error_count() < 50
+
+
+def test_metadata_is_believed_of_jatos_alone(tmp_path):
+    """Who takes part may send files of any name."""
+    told = {"data": [{"studyResults": [{"id": 1, "workerId": 7, "componentResults": []}]}]}
+    for number, name in enumerate(
+        ["metadata.json", "study_result_2/comp-result_2/files/metadata.json"]
+    ):
+        path = tmp_path / f"{number}.zip"
+        with zipfile.ZipFile(path, "w") as made:
+            made.writestr("study_result_1/comp-result_1/data.txt", A)
+            made.writestr(name, json.dumps(told))
+        inbox = read_web_results([path])
+        marks = inbox.marks(inbox.found["s", "A1"])
+        assert (("worker of JATOS", "7") in marks) == (number == 0)
 
 
 def test_lines_are_kept_small():
