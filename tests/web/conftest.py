@@ -1,9 +1,15 @@
 """Browsers and built studies, each made once for all tests of a process."""
 
+from collections.abc import Callable
+
 import pytest
 from chromium import chromium_for_tests
+from study_texts import short_study
+from task_cases import PREFERENCE, TRIAL
 from web_browser import running_firefox
-from web_study import alike_in, cases_in
+from web_study import BuiltWebStudy, alike_in, built, cases_in, for_browsers
+
+from protocols.load import load_study
 
 
 @pytest.fixture(scope="session")
@@ -16,6 +22,35 @@ def case(tmp_path_factory):
 def alike(case, tmp_path_factory):
     """A study whose stimuli share most of their pixels, with a share of its scenes for each."""
     return alike_in(case("which-half"), tmp_path_factory.mktemp("alike"))
+
+
+@pytest.fixture(scope="session")
+def pairs(tmp_path_factory) -> Callable[..., BuiltWebStudy]:
+    """Build a study with a trial for each scene, of a letter each, and keys of `[web]`."""
+
+    def made(scenes: str, language: str = "en", **web: str) -> BuiltWebStudy:
+        folder = tmp_path_factory.mktemp("pairs")
+        entries = ", ".join(
+            f'{{ name = "{scene}{method}", file = "{scene}{method}.png",'
+            f' condition = {{ scene = "{scene}", method = "{method}" }} }}'
+            for scene in scenes
+            for method in ("one", "two")
+        )
+        text = short_study(
+            stimuli=f'kind = "files"\nwidth_px = 64\nheight_px = 64\nentries = [{entries}]',
+            task='kind = "two-interval"\nstimulus_s = 0.1\ngap_s = 0.1',
+            answers=("first", "second"),
+            analysis=PREFERENCE,
+            design="repeats = 1\nblocks = 1",
+            trial=TRIAL,
+            texts='key_names = { space = "Leertaste" }',
+        ).replace('"en"', f'"{language}"')
+        text = text.replace("languages.en", f"languages.{language}")
+        (folder / "study.toml").write_text(text, encoding="utf-8")
+        study, _ = load_study(folder / "study.toml")
+        return built(for_browsers(study, tolerance_s=0.01, **web), folder)
+
+    return made
 
 
 @pytest.fixture(scope="session")

@@ -1,50 +1,21 @@
 """Of a participant's link only what the study names is kept; at the end stand code and address."""
 
 import pytest
-from study_texts import short_study
-from task_cases import PREFERENCE, TRIAL
 from web_browser import begin, said, served, until, whole
-from web_study import BuiltWebStudy, brought_home, built, for_browsers
+from web_study import brought_home
 
 from protocols.journal_file import read_journal
-from protocols.load import load_study
 
-PAIR = """kind = "files"
-width_px = 64
-height_px = 64
-entries = [
-  { name = "one", file = "one.png", condition = { scene = "a", method = "one" } },
-  { name = "two", file = "two.png", condition = { scene = "a", method = "two" } },
-]"""
 PAGE = "index.html?slot=5&PANEL=p%3Cb%3E7&OTHER=sesame"
 BACK = "https://panel.test/done?cc=1"
 
 
-@pytest.fixture(scope="module")
-def of(tmp_path_factory):
-    """Return a study of one trial, with more keys of the section `[web]`."""
-
-    def made(**web: str) -> BuiltWebStudy:
-        folder = tmp_path_factory.mktemp("links")
-        text = short_study(
-            stimuli=PAIR,
-            task='kind = "two-interval"\nstimulus_s = 0.1\ngap_s = 0.1',
-            answers=("first", "second"),
-            analysis=PREFERENCE,
-            design="repeats = 1\nblocks = 1",
-            trial=TRIAL,
-        )
-        (folder / "study.toml").write_text(text, encoding="utf-8")
-        study, _ = load_study(folder / "study.toml")
-        return built(for_browsers(study, tolerance_s=0.01, **web), folder)
-
-    return made
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("jatos", [True, False])
-def test_an_identifier_that_the_study_names_is_kept_and_nothing_else(chromium, of, jatos, tmp_path):
-    named = of(identifier="PANEL", completion_url=BACK, completion_code="C<0>DE")
+def test_an_identifier_that_the_study_names_is_kept_and_nothing_else(
+    chromium, pairs, jatos, tmp_path
+):
+    named = pairs("a", identifier="PANEL", completion_url=BACK, completion_code="C<0>DE")
     with served(named.out, jatos=jatos) as site:
         begin(chromium, site, page=PAGE)
         until(chromium, "document.querySelector('main')?.dataset.page === 'over'")
@@ -65,8 +36,8 @@ def test_an_identifier_that_the_study_names_is_kept_and_nothing_else(chromium, o
 
 
 @pytest.mark.slow
-def test_an_identifier_that_the_study_does_not_name_is_kept_nowhere(chromium, of):
-    plain = of()
+def test_an_identifier_that_the_study_does_not_name_is_kept_nowhere(chromium, pairs):
+    plain = pairs("a")
     with served(plain.out) as site:
         whole(chromium, site, page=PAGE)
         assert "C<0>DE" not in chromium.text()

@@ -6,13 +6,10 @@ from contextlib import suppress
 
 import pytest
 from chromium import BrowserError
-from study_texts import short_study
-from task_cases import PREFERENCE, TRIAL
 from web_browser import begin, served, started, until
-from web_study import BuiltWebStudy, brought_home, built, for_browsers
+from web_study import brought_home
 
 from protocols.feasibility import session_duration_s
-from protocols.load import load_study
 from protocols.plan import planned_trials
 
 OVER = "document.querySelector('main')?.dataset.page === 'over'"
@@ -28,17 +25,6 @@ observer.answer = (phase) => {
 """
 """An observer who gives two answers and no third."""
 STOPPED = "window.stopped"
-PAIRS = """kind = "files"
-width_px = 64
-height_px = 64
-entries = [
-  { name = "a1", file = "a1.png", condition = { scene = "a", method = "one" } },
-  { name = "a2", file = "a2.png", condition = { scene = "a", method = "two" } },
-  { name = "b1", file = "b1.png", condition = { scene = "b", method = "one" } },
-  { name = "b2", file = "b2.png", condition = { scene = "b", method = "two" } },
-  { name = "c1", file = "c1.png", condition = { scene = "c", method = "one" } },
-  { name = "c2", file = "c2.png", condition = { scene = "c", method = "two" } },
-]"""
 LINK = "document.querySelector('main a[download]')"
 SAVED = f"fetch({LINK}.href).then((file) => file.text())"
 OTHER = "document.querySelector('main button.other')"
@@ -53,25 +39,9 @@ def lines_of(text: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def of(tmp_path_factory):
+def of(pairs):
     """Return a built study of three trials."""
-    return three_trials(tmp_path_factory.mktemp("next"))
-
-
-def three_trials(folder, language: str = "en", **web: str) -> BuiltWebStudy:
-    text = short_study(
-        stimuli=PAIRS,
-        task='kind = "two-interval"\nstimulus_s = 0.1\ngap_s = 0.1',
-        answers=("first", "second"),
-        analysis=PREFERENCE,
-        design="repeats = 1\nblocks = 1",
-        trial=TRIAL,
-        texts='key_names = { space = "Leertaste" }',
-    )
-    text = text.replace('"en"', f'"{language}"').replace("languages.en", f"languages.{language}")
-    (folder / "study.toml").write_text(text, encoding="utf-8")
-    study, _ = load_study(folder / "study.toml")
-    return built(for_browsers(study, tolerance_s=0.01, **web), folder)
+    return pairs("abc")
 
 
 def someone_else(browser, then: str = FACTS) -> None:
@@ -239,8 +209,8 @@ def test_no_link_makes_a_session_simulated(chromium, of):
 
 
 @pytest.mark.slow
-def test_the_first_page_says_length_keys_and_what_is_stored_before_its_button(chromium, tmp_path):
-    made = three_trials(tmp_path, "de", identifier="PANEL_ID")
+def test_the_first_page_says_length_keys_and_what_is_stored_before_its_button(chromium, pairs):
+    made = pairs("abc", "de", identifier="PANEL_ID")
     study = made.study.in_a_browser()
     trials = len(planned_trials(study, "web", 0))
     minutes = max(1, round(session_duration_s(study, trials) / 60))
