@@ -8,16 +8,17 @@ from __future__ import annotations
 import io
 import shutil
 from collections import ChainMap, Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
+from math import ceil
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from PIL import Image
 
-from protocols.browser.browser_window import PlacedRect, about_middle, stimuli_rects
 from protocols.browser.web_study import (
     BUDGET_MB,
     DECODED_MB,
@@ -47,7 +48,7 @@ from protocols.manifest import Clip, Manifest, check_manifest
 from protocols.plan import PlannedTrial, planned_trials, scenes_at, windows
 from protocols.recipes.base import SCENE
 from protocols.revision import code_revision
-from protocols.script import Drawn, Entry, Live, Picture, PixelSize, Place, TrialScript
+from protocols.script import Drawn, Entry, Frames, Live, Picture, PixelSize, Place, TrialScript
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import consent_text, filled_text, key_label
 from study_app.clips import check_files
@@ -55,6 +56,8 @@ from study_app.paint import Bitmaps, PixelBytes, bitmaps_of, drawn
 from study_app.web.packs import Packs, write_packs
 
 PACKS, PICTURES = "packs", "pictures"
+_Rect: TypeAlias = tuple[float, float, float, float]
+"""Left and top, from the middle of the screen, width and height, px."""
 _SLOTS_LOOKED_AT = 8
 """Plans differ in order, and rarely in what they show: so many say how much that is."""
 _MOST_LOOKED_AT = 40
@@ -155,7 +158,7 @@ class WebBuild:
         share : float
             Share of their size that stimuli have, about their own middle.
         """
-        return about_middle(
+        return _about_middle(
             rect for script in self._all_scripts() for rect in self._rects(script, share)
         )
 
@@ -331,8 +334,8 @@ class WebBuild:
         tolerance_s = self.study.web.tolerance_s if self.study.web else 0.0
         return self.display.at_rate(refresh_hz, tolerance_s)
 
-    def _rects(self, script: TrialScript, share: float) -> Iterator[PlacedRect]:
-        for left, top, width, height in stimuli_rects(script):
+    def _rects(self, script: TrialScript, share: float) -> Iterator[_Rect]:
+        for left, top, width, height in _stimuli_rects(script):
             cut = (1 - share) / 2
             yield left + cut * width, top + cut * height, share * width, share * height
         for picture in script.pictures():
@@ -410,6 +413,29 @@ class WebBuild:
                 file=f"{name[:16]}.png", sha256=sha256_bytes(data), size_px=size
             )
         return found
+
+
+def stimuli_px(script: TrialScript) -> PixelSize:
+    """Return the smallest part of the screen, about its middle, that shows a trial's stimuli.
+
+    Texts are left out: their size is that of the fonts of the machine that exported the study.
+    """
+    return _about_middle(_stimuli_rects(script))
+
+
+def _stimuli_rects(script: TrialScript) -> Iterator[_Rect]:
+    """Yield the rectangles in which a trial shows stimuli."""
+    for frames in (entry for phase in script.phases for entry in phase.show):
+        if isinstance(frames, Frames):
+            yield *frames.at, *(frames.crop or (0, 0, *script.stimulus_px))[2:]
+
+
+def _about_middle(rects: Iterable[_Rect]) -> PixelSize:
+    """Return the smallest part of the screen, about its middle, that holds such rectangles."""
+    reach_x = reach_y = 1.0
+    for left, top, width, height in rects:
+        reach_x, reach_y = max(reach_x, -left, left + width), max(reach_y, -top, top + height)
+    return 2 * ceil(reach_x), 2 * ceil(reach_y)
 
 
 def cut_out(of: Drawn, bitmaps: Bitmaps) -> tuple[PixelBytes, Place]:

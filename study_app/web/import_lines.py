@@ -18,7 +18,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from protocols.browser.browser_window import shows_all, stimuli_px, window_in_words
+from protocols.browser.browser_window import shows_all, window_in_words
 from protocols.browser.shared_links import (
     SharedLink,
     keep_sender,
@@ -86,7 +86,7 @@ from study_app.stage import FlipPicture, FlipReport, KeyPress
 from study_app.trial import Trial
 from study_app.verification import verify
 from study_app.web.check_lines import LineCheck, wrong
-from study_app.web.export import WebBuild
+from study_app.web.export import WebBuild, stimuli_px
 from study_app.web.histories import TreeLine, histories, left_by
 from study_app.web.read_results import (
     BrowserResults,
