@@ -10,6 +10,7 @@ from typing import Annotated
 from pydantic import Field, PrivateAttr, model_validator
 
 from protocols.errors import shortest
+from protocols.plausible_numbers import hardly_meant
 from protocols.units import Hertz, Luminance, Millimetres, Model, Name, Pixels, Positive
 
 FRAME_TOLERANCE = 1e-6
@@ -54,9 +55,12 @@ class Display(Model):
     def _square_pixels(self) -> Display:
         across, down = self.width_mm / self.width_px, self.height_mm / self.height_px
         if abs(across / down - 1) > 0.02:
+            asked = hardly_meant("pitch_mm", self.width_mm, per=self.width_px)
+            key = "width_mm" if asked else "height_mm"
+            asked = asked or hardly_meant("pitch_mm", self.height_mm, per=self.height_px)
             raise ValueError(
                 f"pixels must be square within 2 % (got {across:.4f} x {down:.4f} mm);"
-                " check width_mm and height_mm of the visible area"
+                " check width_mm and height_mm of the visible area" + (asked and f" ({key}{asked})")
             )
         return self
 

@@ -13,6 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from protocols.units import CONVERSIONS, UNIT_OF_SUFFIX
+
 RANGES: Final = {
     "rt_s": (0.001, 600.0),
     "median_rt_s": (0.05, 60.0),
@@ -21,10 +23,17 @@ RANGES: Final = {
     "tracker_hz": (3.0, 20_000.0),
     "distance_mm": (250.0, 5000.0),
     "pitch_mm": (0.04, 1.5),
+    "refresh_hz": (20.0, 1000.0),
     "baseline_m": (0.0, 2.0),
+    "view_deg": (np.pi, 170.0),
+    "window_deg": (0.2, 45.0),
+    "px_per_deg": (0.0, 300.0),
 }
 """Least and most of a quantity, by its name and unit. A tracker's 2000 Hz are 2 Hz, and 30 Hz are
-30 kHz, where stamps in seconds and in milliseconds are taken for each other."""
+30 kHz, where stamps in seconds and in milliseconds are taken for each other. A view in radians is
+below pi, which in degrees takes a lens of 650 mm before a full frame; a focal length in shares of
+the picture or in mm gives nearly 180 degrees. A tracker errs by more than 0.2 degrees. An eye
+resolves 120 px a degree; an 8K monitor at 1 m has 190."""
 FACTORS: Final = (1e3, 1e6)
 """Factors between units of one quantity, such as s, ms and us."""
 SINGLE: Final = 0.1
@@ -37,6 +46,22 @@ _BELOW: Final = float(np.log(1.5))
 _ABOVE: Final = float(np.log(10.0))
 _GROUPED: Final = re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+")
 _BARE: Final = re.compile(r"[-+]?\d{1,3}")
+
+
+def hardly_meant(quantity: str, value: float, *, per: float = 1.0) -> str:
+    """Return the question on a number whose `per`-th part is outside its range; empty: it is not.
+
+    It names the number that is meant, if the one given fits in another unit.
+    """
+    least, most = RANGES[quantity]
+    if least <= value / per <= most:
+        return ""
+    unit = quantity.rpartition("_")[2]
+    factors = [factor for (_, known), factor in CONVERSIONS.items() if known == unit]
+    for factor in (*factors, *(1 / factor for factor in factors)):
+        if least <= factor * value / per <= most:
+            return f"; {UNIT_OF_SUFFIX[unit]} are meant: should it be {factor * value:.4g}?"
+    return f"; {UNIT_OF_SUFFIX[unit]} are meant"
 
 
 def shifted(values: NDArray[np.float64], most: float = SINGLE) -> tuple[NDArray[np.bool_], float]:

@@ -254,5 +254,6 @@ CONVERSIONS: dict[tuple[str, str], float] = {
     ("percent", "share"): 1e-2,
     ("pct", "share"): 1e-2,
     ("gib", "mib"): 1024.0,
+    ("khz", "hz"): 1e3,
 }
 """Factors that turn a value with a wrong unit into the right one, for the cure in a message."""

@@ -13,6 +13,8 @@ from protocols.study_file.schema import StudyProtocol
 from study_app.session import RunTrial, next_step
 from study_app.session_folders import SessionFolder
 
+OTHER_STUDY = "protocol: must be the one that the session began with"
+
 
 @dataclass(frozen=True)
 class SessionFinding:
@@ -74,10 +76,7 @@ def _compare(journal: Journal, study: StudyProtocol) -> tuple[list[str], list[st
     if not isinstance(start, SessionStart):
         return [], ["trials are not compared with the plan: the first line is damaged"]
     if start.protocol_sha256 != study.sha256:
-        return [
-            f"protocol: must be the one that the session began with"
-            f" ({start.protocol_sha256[:12]}, got {study.sha256[:12]})"
-        ], []
+        return [f"{OTHER_STUDY} ({start.protocol_sha256[:12]}, got {study.sha256[:12]})"], []
     plan = plan_of(study, start)
     if plan is None:
         return [

@@ -13,8 +13,8 @@ from protocols.display import Display
 from protocols.errors import Problem
 from protocols.feasibility import clip_size_px, session_duration_s
 from protocols.plan import arrival_shows
-from protocols.plausible_numbers import RANGES
-from protocols.recipes.warped_clips import StereoScene, WarpedClips
+from protocols.plausible_numbers import hardly_meant
+from protocols.recipes.warped_clips import MeshScene, StereoScene, WarpedClips
 from protocols.study_file.schema import StudyProtocol
 
 LONGEST_S: Final = {
@@ -41,28 +41,19 @@ SMALLEST_PX: Final = 32
 
 def display_notes(display: Display) -> list[Problem]:
     """Return notes on possible mistakes in a display's measures."""
-    found = []
-    low, high = RANGES["distance_mm"]
-    if not low <= display.distance_mm <= high:
-        meant = 10 * display.distance_mm if display.distance_mm < low else display.distance_mm / 10
-        found.append(
-            Problem(
-                "display.distance_mm",
-                f"the eye is {display.distance_mm:g} mm from the screen; millimetres are meant:"
-                f" should it be {meant:g}?",
-            )
-        )
-    low_mm, high_mm = RANGES["pitch_mm"]
-    if not low_mm <= display.pitch_x_mm <= high_mm:
-        meant = 10 * display.width_mm if display.pitch_x_mm < low_mm else display.width_mm / 10
-        found.append(
-            Problem(
-                "display.width_mm",
-                f"a pixel is {display.pitch_x_mm:.3g} mm wide ({display.width_mm:g} mm for"
-                f" {display.width_px} px); millimetres are meant: should it be {meant:g}?",
-            )
-        )
-    return found
+    pitch = f"a pixel is {display.pitch_x_mm:.3g} mm wide ({display.width_mm:g} mm for"
+    pitch += f" {display.width_px} px)"
+    return [
+        *_noted("display.distance_mm", display.distance_mm, "the eye is {:g} mm from the screen"),
+        *_noted("display.width_mm", display.width_mm, pitch, "pitch_mm", display.width_px),
+        *_noted("display.refresh_hz", display.refresh_hz, "the screen is drawn at {:g} Hz"),
+    ]
+
+
+def _noted(place: str, value: float, said: str, of: str = "", per: float = 1.0) -> list[Problem]:
+    """Return a note on a number that is hardly meant; `of`: a quantity that its key is not."""
+    asked = hardly_meant(of or place.rpartition(".")[2], value, per=per)
+    return [Problem(place, said.format(value) + asked)] if asked else []
 
 
 def study_notes(study: StudyProtocol, display: Display, trials: int) -> list[Problem]:
@@ -75,6 +66,7 @@ def study_notes(study: StudyProtocol, display: Display, trials: int) -> list[Pro
     """
     return [
         *_times(study),
+        *_noted("gaze.window_deg", study.gaze.window_deg, "gaze may lie {:g} deg from the dot"),
         *_sizes(study, display),
         *_scenes(study),
         *_true_view(study),
@@ -124,12 +116,14 @@ def _scenes(study: StudyProtocol) -> Iterator[Problem]:
     if not isinstance(study.stimuli, WarpedClips):
         return
     for index, scene in enumerate(study.stimuli.scenes):
-        if isinstance(scene, StereoScene) and scene.baseline_m > RANGES["baseline_m"][1]:
-            yield Problem(
-                f"stimuli.scenes[{index}].baseline_m",
-                f"the cameras are {scene.baseline_m:g} m apart; metres are meant: should it be"
-                f" {scene.baseline_m / 1000:g}?",
-            )
+        place = f"stimuli.scenes[{index}]"
+        if isinstance(scene, StereoScene):
+            said = "the cameras are {:g} m apart"
+            yield from _noted(f"{place}.baseline_m", scene.baseline_m, said)
+        view = scene.view if isinstance(scene, MeshScene) else None
+        if view is not None and view.vertical_fov_deg is not None:
+            key = f"{place}.view.vertical_fov_deg"
+            yield from _noted(key, view.vertical_fov_deg, "the camera sees {:g} deg", "view_deg")
 
 
 def _true_view(study: StudyProtocol) -> Iterator[Problem]:

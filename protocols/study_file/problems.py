@@ -114,8 +114,9 @@ def problems_of(error: ValidationError, raw: object, model: type[BaseModel]) -> 
     if len(details) > MOST_PROBLEMS:
         left = f"{len(details) - MOST_PROBLEMS:,} more mistakes; mend these first"
         between.append(Problem("", left))
+    missing = [str(detail["loc"][-1]) for detail in details if detail["type"] == "missing"]
     for detail in details[:MOST_PROBLEMS]:
-        for problem in _problems(detail, raw, model):
+        for problem in _problems(detail, raw, model, missing):
             if not detail["loc"]:
                 between.append(problem)
                 continue
@@ -135,7 +136,9 @@ def _either(messages: Sequence[str]) -> str:
     return "; ".join(messages)
 
 
-def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iterator[Problem]:
+def _problems(
+    detail: ErrorDetails, raw: object, model: type[BaseModel], missing: Sequence[str]
+) -> Iterator[Problem]:
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "value_error" and not detail["loc"]:  # StudyProtocol's own checks: one line each
         for line in str(context["error"]).splitlines():
@@ -145,14 +148,16 @@ def _problems(detail: ErrorDetails, raw: object, model: type[BaseModel]) -> Iter
     place, owner = _locate(detail["loc"], raw, model)
     if kind in {"union_tag_invalid", "union_tag_not_found"}:
         place = f"{place}.{_tag(context)}"
-    if message := in_words(detail, owner):
+    if message := in_words(detail, owner, missing):
         yield Problem(place, message)
 
 
-def in_words(detail: ErrorDetails, owner: type[BaseModel] | None = None) -> str:
+def in_words(
+    detail: ErrorDetails, owner: type[BaseModel] | None = None, missing: Sequence[str] = ()
+) -> str:
     """Return the rule, the value that was found, and a cure; empty where another mistake says it.
 
-    `owner` is the model of the key that is wrong.
+    `owner` is the model of the key that is wrong; an unknown one is rather a `missing` one.
     """
     kind, found, context = detail["type"], detail["input"], detail.get("ctx", {})
     key = str(detail["loc"][-1]) if detail["loc"] else ""
@@ -162,7 +167,8 @@ def in_words(detail: ErrorDetails, owner: type[BaseModel] | None = None) -> str:
         return "missing"
     if kind == "extra_forbidden":
         known = list(owner.model_fields) if owner else []
-        cure = cure_for_key(key, found, known)
+        lacking = [name for name in known if name in missing]
+        cure = cure_for_key(key, found, lacking) or cure_for_key(key, found, known)
         return "unknown key" + (cure or f"; known keys: {', '.join(known)}" * bool(known))
     if kind in _BOUNDS:
         word, name = _BOUNDS[kind]

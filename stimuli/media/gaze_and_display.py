@@ -18,6 +18,7 @@ from pipeline.foveation.geometry import (
     check_gaze,
 )
 from protocols.load import load_display
+from protocols.plausible_numbers import RANGES, hardly_meant
 
 NARROWEST_DEG = 0.01
 """Least visual angle of a flat picture: a pixel of the finest displays is about as wide."""
@@ -99,6 +100,9 @@ class StatedViewing:
             flat = Flat(width_deg=ASSUMED_DEG)
             where = "assumed, since neither --display nor --fov was given"
         shown = flat.of(width, height)
+        if self.fov_deg and math.radians(shown.distance_px) > RANGES["px_per_deg"][1]:
+            asked = hardly_meant("view_deg", self.fov_deg)
+            notes.append(f"--fov {self.fov_deg:g}: that is finer than displays are{asked}")
         words = (
             f"field of view: {width_deg(shown):.1f} x {height_deg(shown):.1f} degrees"
             f" ({where}), {_density(shown)}"

@@ -144,9 +144,12 @@ def report(
                 progress=progress,
             )
         elif study is None:
+            table = sessions / "decisions.csv"
             raise StudyError(
                 "--protocol must name the protocol of the sessions"
-                " (only a table of decisions goes without one)"
+                " (only a table of decisions goes without one"
+                + f"; there is one: metamerlab analysis report {table}" * table.is_file()
+                + ")"
             )
         else:
             of_table.refuse_for_sessions(study)

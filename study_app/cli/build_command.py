@@ -177,7 +177,7 @@ def require_buildable(
     found = shortcomings(study, display, manifest)
     unfit = found.problems
     if unfit:  # measures in other units are a likely cause
-        unfit += display_notes(display)
+        unfit = [*display_notes(display), *unfit]
     problems = [*builder.problems(), *unfit]
     if problems:
         raise StudyError("\n".join(f"{path}: {problem}" for problem in problems))

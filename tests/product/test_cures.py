@@ -2,6 +2,9 @@
 
 import csv
 import io
+import re
+import shlex
+import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import metamerlab, outcome_of, refusal_of
+from task_cases import CASES, case_text
+from web_kernel import running_kernel
+from web_study import built
 
 from pipeline.pictures.write import write_pixels
+from protocols.load import load_study
 
 HEAD = ["participant", "first", "second", "chosen", "rt"]
 BOTH = ["ours", "blur"]
@@ -268,3 +275,193 @@ def test_a_cure_of_a_picture_makes_it_warpable(tmp_path, monkeypatch, name):
     assert not (tmp_path / "out.png").exists()
     metamerlab("warp", *words, *taken.split())
     assert (tmp_path / "out.png").is_file()
+
+
+# Files, commands and pictures: what a message names is taken from it, as ``{}``.
+
+BROKEN = {  # A file, text in it, a mistake, and what stands for it after the cure.
+    "a key": ("study.toml", "repeats", "repeets", "did you mean '(.+?)'", "{}"),
+    "a section": ("study.toml", "design]", "desing]", "did you mean '(.+?)'", "{}]"),
+    "a key in ms": ("study.toml", "gap_s = 0.5", "gap_ms = 500", r"(gap_s = [\d.]+)\?", "{}"),
+    "a choice": ("study.toml", '"enforce"', '"enforced"', "did you mean ('enforce')", "{}"),
+    "a display's file": ("study.toml", "desk.toml", "dekstop.toml", r"mean (desk\.toml)\?", "{}"),
+    "a display's name": ("study.toml", "desk.toml", "fhd27", "did you mean '(fhd27-60hz)'", "{}"),
+    "25 fps at 60 Hz": ("study.toml", "fps = 30.0", "fps = 25", r"nearest: (\d+) fps", "fps = {}"),
+    "width in m": ("desk.toml", "width_mm = 192.0", "width_m = 0.192", r"(width_mm = 192)\?", "{}"),
+    "width in cm": ("desk.toml", "192.0", "19.2", r"\(width_mm; .* should it be (192)\?", "{}"),
+    "height in m": ("desk.toml", "144.0", "0.144", r"\(height_mm; .* should it be (144)\?", "{}"),
+    "kHz": ("desk.toml", "60.0", "0.06", r"refresh_hz: .* should it be (60)\?", "{}"),
+}
+FOLLOWED = {  # A command, with [what is refused|what the cure puts in its place].
+    "a study": ("protocol copy [dmo|{}] own.toml", "did you mean '(demo)'"),
+    "a file that is there": ("protocol copy demo [study|other].toml", "choose a new name"),
+    "a tracker": ("protocol check study.toml --gaze [lsll|{}]", "did you mean '(lsl)'"),
+    "a task": ("new-study own --task [yesno|{}]", "did you mean '(yes-no)'"),
+    "no clips": (
+        "[protocol check study.toml --stimuli built|{0} study.toml {1}]",
+        "run 'metamerlab (stimuli build) STUDY (--out built)' to the end",
+    ),
+    "sessions among clips": (
+        "session simulate web.toml --out [stimuli/sessions|others]", "name another folder",
+    ),
+    "another observer": (
+        "session simulate study.toml --out [sessions|others] --participants 3", "or another folder",
+    ),
+    "a study of sessions": ("session list sessions --study [dem|{}]", "did you mean '(demo)'"),
+    "a participant": ("session [withdraw S077 --yes|{} sessions]", "metamerlab session (list)'"),
+    "a session": ("session [status|{}] sessions", "'metamerlab session (list)' names them"),
+    "a journal's study": ("session verify sessions[ --protocol web.toml|]", "or leave it out"),
+    "no study": ("analysis report sessions --out r[| {} study.toml]", "(--protocol) must name"),
+    "settings for sessions": (
+        "analysis report sessions --protocol study.toml --out report[ --set alpha=0.1|]",
+        "--where and --set must be left out",
+    ),
+    "sessions of another study": (
+        "analysis tidy sessions --protocol [web|study].toml --out tidy", "give the protocol file",
+    ),
+    "results among what was read": (
+        "analysis tidy sessions --protocol study.toml --out [sessions|tidy]", "another folder",
+    ),
+    "an earlier result": (
+        "analysis tidy sessions --protocol study.toml --out earlier[| {}]", "or add (--replace)",
+    ),
+    "a folder that was imported": (
+        "[analysis report imported|{}] --out report", r"metamerlab (analysis report \S+csv)\)",
+    ),
+    "a comparison": (
+        "analysis report table.csv --out report --set primary=[our/blur|{}]", "mean '(.+?)'",
+    ),
+    "a setting": (
+        "analysis report table.csv --out report --set [primry|{}]=ours/blur", "mean '(.+?)'",
+    ),
+    "a design in part": (
+        "[analysis power --pairs 3|{} --studies 100]", "metamerlab (analysis power .*)$",
+    ),
+    "an export of no clips": (
+        "session export-web web.toml --stimuli [clips|stimuli] --out web", "a finished batch",
+    ),
+    "results that are elsewhere": (
+        "session import-web [result.txt|{}] --protocol web.toml --stimuli stimuli", r"mean (\S+)\?",
+    ),
+    "results of another study": (
+        "session import-web results.txt --protocol [study|web].toml --stimuli stimuli",
+        "name that study's file",
+    ),
+    "a condition": ("foveate a.png out.png --methods [metamr|{}]", "did you mean '(.+?)'"),
+    "a display and an angle": (
+        "foveate a.png out.png[ --fov 40|] --display fhd27-60hz", "give --display or --fov",
+    ),
+    "a gaze": ("foveate a.png out.png --gaze [20|{}]", r"such as (\S+deg,\S+deg)"),
+    "all around": ("foveate around.png out.png [--fov 360|{}]", "takes (--panorama)"),
+    "a kind of file": ("foveate a.png out[.xyz|{}]", r"must end in (\.png)"),
+    "a method": ("warp a.png o.png --disparity turned.npy -m [push-pul|{}]", "mean '(.+?)'"),
+    "two methods": (
+        "warp a.png o.png --disparity turned.npy -m push-pull,telea[| {} sheet.png]",
+        "add (--compare) FILE",
+    ),
+    "no depth": ("warp a.png o.png -m telea[| {} turned.npy]", "come with (--disparity) FILE"),
+    "a parameter": (
+        "warp a.png o.png --disparity turned.npy -m telea --set [radus_px|{}]=3", "mean '(.+?)'",
+    ),
+    "a source": ("warp a.png [a|o].png --disparity turned.npy -m telea", "write to another file"),
+    "a scene": ("texture show [planett|{}] --out out.png --size-px 64", "did you mean '(.+?)'"),
+    "a baked texture": ("texture bake a.png --out a[.moment|{}]", r"must end in (\.moments)"),
+    "one picture": (
+        "stimuli score a.png[| b.png --metrics psnr]", "metamerlab stimuli score TEST REFERENCE",
+    ),
+    "a metric": ("stimuli score a.png b.png --metrics [psnrr|{}]", "did you mean '(.+?)'"),
+}  # fmt: skip
+CAMERA = "warp a.png out.png --depth turned.npy --target-pose pose.txt:1 -m push-pull --camera "
+ASKED = {
+    "foveate around.png out.png --fov {}": ("0.2", "11.5", "degrees are meant: should it be 11.46"),
+    "warp a.png out.png --disparity turned.npy -m push-pull --baseline-m {}": (
+        "193", "0.193", "metres are meant: should it be 0.193?",
+    ),
+    CAMERA + "{}": ("1.2,1.2,0.5,0.5", "32,32,16,12", "are all of --camera pixels of it?"),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def lab_once(tmp_path_factory, recorded_once):
+    """Return a folder with studies, sessions, clips, tables and pictures; nobody changes it."""
+    folder = recorded_once.copy(tmp_path_factory.mktemp("cures") / "lab").folder
+    text = case_text(CASES["yes-no"]) + '\n[web]\ngaze = "none"\n'
+    (folder / "web.toml").write_text(text)
+    web = built(load_study(folder / "web.toml")[0], folder)
+    with running_kernel(folder) as kernel:
+        (folder / "results.txt").write_text("".join(web.session(kernel)["results"]))
+    (folder / "table.csv").write_text(pairs())
+    (folder / "pose.txt").write_text("0.1 0 0 0 0 0 1\n")
+    picture_files(folder)
+    around = np.random.default_rng(4).integers(0, 255, (64, 128, 3)).astype(np.uint8)
+    write_pixels(folder / "around.png", around, "RGB")
+    metamerlab("analysis", "import", folder / "table.csv", "--out", folder / "imported")
+    tidy = ("--protocol", folder / "study.toml", "--out", folder / "earlier")
+    metamerlab("analysis", "tidy", folder / "sessions", *tidy)
+    return folder
+
+
+@pytest.fixture
+def lab(lab_once, tmp_path, monkeypatch):
+    """Stand in a copy of the folder."""
+    shutil.copytree(lab_once, tmp_path / "lab")
+    monkeypatch.chdir(tmp_path / "lab")
+
+
+def found_in(said: str, cure: str) -> tuple[str, ...]:
+    match = re.search(cure, " ".join(said.split()))
+    assert match, said
+    return match.groups()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("lab")
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_cure_of_a_file_puts_it_in_order(name):
+    file, right, wrong, cure, mended = BROKEN[name]
+    text = Path(file).read_text()
+    assert right in text
+    Path(file).write_text(text.replace(right, wrong, 1))
+    found = found_in(refusal_of("protocol", "check")("study.toml"), cure)
+    Path(file).write_text(text.replace(right, mended.format(*found), 1))
+    metamerlab("protocol", "check", "study.toml")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("gl_context", "lab")
+@pytest.mark.parametrize("name", FOLLOWED)
+def test_a_cure_that_a_command_names_makes_it_work(name):
+    command, cure = FOLLOWED[name]
+    refused = re.sub(r"\[(.*?)\|.*?\]", r"\1", command)
+    found = found_in(refusal_of(*shlex.split(refused))(), cure)
+    metamerlab(*shlex.split(re.sub(r"\[.*?\|(.*?)\]", r"\1", command).format(*found)))
+
+
+@pytest.mark.usefixtures("lab")
+def test_a_study_is_made_one_for_browsers_as_the_message_says():
+    web = Path("web.toml")
+    web.write_text(web.read_text().partition("[web]")[0])
+    export = ("session", "export-web", "web.toml", "--stimuli", "stimuli", "--out", "web")
+    section, key = found_in(refusal_of(*export)(), r"add (\[web\]) with (gaze = \S+)")
+    web.write_text(f"{web.read_text()}{section}\n{key}\n")
+    metamerlab(*export)
+
+
+@pytest.mark.usefixtures("lab")
+def test_a_journal_that_was_changed_is_restored_from_a_copy():
+    journal = Path("sessions/demo/S001/journal.jsonl")
+    text = journal.read_text()
+    journal.write_text(text.replace('"attempt"', '"attempd"', 1))
+    found_in(refusal_of("session", "verify", "sessions")(), "1 of .* must be restored from a copy")
+    journal.write_text(text)
+    metamerlab("session", "verify", "sessions")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("gl_context", "lab")
+@pytest.mark.parametrize("command", ASKED)
+def test_a_number_of_a_picture_in_another_unit_is_asked_about(command):
+    wrong, right, asked = ASKED[command]
+    for given, told in ((wrong, True), (right, False)):
+        done = metamerlab(*shlex.split(command.format(given)))
+        assert (asked in " ".join(done.output.split())) == told

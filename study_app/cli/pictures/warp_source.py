@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -27,6 +28,7 @@ from pipeline.pictures.warp_input import (
 )
 from pipeline.warp.settings import WarpSettings
 from protocols.errors import StudyError
+from protocols.plausible_numbers import hardly_meant
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
 from stimuli.scenes.truth_check import (
@@ -236,7 +238,10 @@ def _load_picture(path: Path, options: PictureOptions) -> LoadedSource:
     far = motion_between(np.full_like(depth_m, np.inf), lens, *poses)[0]
     near_px = float(np.percentile(np.linalg.norm(frame.flow_px - far, axis=-1), 95))
     words = f"what is near moves by {near_px:.2g} px against what is far{_nearer(options)}"
-    if near_px < 1:
+    across_deg = 2 * math.degrees(math.atan(depth_m.shape[1] / 2 / lens[0]))
+    if hardly_meant("view_deg", across_deg):
+        words += f"; the camera sees {across_deg:.4g} degrees: are all of --camera pixels of it?"
+    elif near_px < 1:
         words += "; that is less than a pixel: are depth (--depth-scale) and poses in metres?"
     readings = pose_readings(
         depth_m, lens, poses, depth_scale=options.depth_scale, depth_is=options.depth_is
@@ -287,6 +292,8 @@ def _load_pair(source: str, options: PairOptions) -> StereoPair:
             unknown=options.unknown,
         )
         pair = replace(pair, mirrored=options.to_left)
+        if asked := hardly_meant("baseline_m", options.baseline_m):
+            say(f"note: --baseline-m {options.baseline_m:g}{asked}")
         if options.right is not None:
             _check_pair(pair, options)
         return pair

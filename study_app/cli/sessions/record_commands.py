@@ -30,6 +30,7 @@ from study_app.operator_view import rows
 from study_app.recorder import utc_now
 from study_app.session_folders import SessionFolder, find_participant
 from study_app.session_folders import withdraw as withdraw_participant
+from study_app.verification import OTHER_STUDY
 from study_app.verification import verify as verify_session
 
 if TYPE_CHECKING:  # what draws is imported when a command does
@@ -138,7 +139,7 @@ def verify(
         if screens and len(paths) > 1:
             raise StudyError("--captured: is of one session; name its folder")
         done = [_verified(path, study, drawer, screens) for path in paths]
-    wrong = sum(not whole for whole, _ in done)
+    wrong = sum(bool(problems) for problems, _ in done)
     redrawn = [one for _, one in done if one is not None]
     kept = any(one.drawn or one.captures for one in redrawn)
     if again.render and not wrong and not kept and any(one.flips for one in redrawn):
@@ -147,10 +148,10 @@ def verify(
             " gaze in a window)"
         )
     if wrong:
-        raise StudyError(
-            f"{sessions}: {wrong} of {count_of(len(paths), 'session')} must be restored from a"
-            " copy; nothing was changed"
-        )
+        cure = "must be restored from a copy; nothing was changed"
+        if all(one.startswith(OTHER_STUDY) for problems, _ in done for one in problems):
+            cure = "began with another --protocol; give the file as it was, or leave it out"
+        raise StudyError(f"{sessions}: {wrong} of {count_of(len(paths), 'session')} {cure}")
 
 
 def _drawer(
@@ -169,8 +170,8 @@ def _drawer(
 
 def _verified(
     path: Path, study: StudyProtocol | None, drawer: TrialDrawer | None, screens: Screens
-) -> tuple[bool, RedrawResult | None]:
-    """Verify a session and say what was found; return True if it is whole, and what was drawn."""
+) -> tuple[tuple[str, ...], RedrawResult | None]:
+    """Verify a session and say what was found; return what is wrong, and what was drawn."""
     session = SessionFolder(path.absolute().parent, read_journal(path, lenient=True))
     found = verify_session(session, study)
     again = None
@@ -192,7 +193,7 @@ def _verified(
         say(f"  {problem}")
     for note in found.notes:
         say(f"  note: {note}")
-    return not found.problems, again
+    return found.problems, again
 
 
 def print_rows(entries: Iterable[tuple[str, str]]) -> None:

@@ -227,6 +227,9 @@ def list_(
     """
     found = find_sessions(sessions, study)
     if not found:
+        others = {one.study for one in find_sessions(sessions)}
+        if study is not None and others:
+            raise StudyError(must_be_one_of(f"{sessions}: --study", study, sorted(others)))
         raise StudyError(
             f"{sessions}: must hold sessions (found no journal in SESSIONS/STUDY/CODE); name"
             " the folder that was given as --out"

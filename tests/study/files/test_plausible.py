@@ -10,7 +10,8 @@ from pydantic import ValidationError
 from protocols.display import Display
 from protocols.errors import StudyError
 from protocols.load import load_display, protocol_of, read_toml, shipped
-from protocols.study_file.plausible import display_notes
+from protocols.plausible_numbers import hardly_meant
+from protocols.study_file.plausible import display_notes, study_notes
 
 check = outcome_of("protocol", "check")
 
@@ -194,3 +195,33 @@ def test_no_number_of_a_shipped_file_may_be_beyond_all_measure(kind, read):
 def test_a_number_that_no_machine_can_do_is_refused(study, old, new, said):
     _, _, error = check(study((old, new)), status=2)
     assert said in " ".join(error.split())
+
+
+@pytest.mark.parametrize(
+    ("quantity", "value", "meant"),
+    [
+        ("distance_mm", 0.6, "should it be 600?"), ("distance_mm", 60, "should it be 600?"),
+        ("refresh_hz", 0.06, "should it be 60?"), ("refresh_hz", 60_000, "should it be 60?"),
+        ("view_deg", 1.05, "should it be 60.16?"), ("window_deg", 0.026, "should it be 1.49?"),
+        ("window_deg", 90, "should it be 1.5?"), ("baseline_m", 193, "should it be 0.193?"),
+        ("baseline_m", 0.06, None), ("window_deg", 1, None), ("view_deg", 40, None),
+        ("refresh_hz", 59.94, None), ("view_deg", 179, "degrees are meant"),
+    ],
+)  # fmt: skip
+def test_a_number_in_another_unit_is_asked_about_with_what_is_meant(quantity, value, meant):
+    asked = hardly_meant(quantity, value)
+    assert asked.endswith(meant) if meant else not asked
+
+
+def test_angles_of_a_study_in_radians_are_noted(study):
+    mesh = 'kind = "mesh"\nfile = "a.glb"\nview = {{ position_m = [0, 0, 1], look_at_m = [0, 0, 0],'
+    mesh += " vertical_fov_deg = {} }}"
+    for window, view, noted in ((0.026, 1.05, True), (1.5, 60, False)):
+        path = study(
+            ("window_deg = 1.5", f"window_deg = {window}"),
+            ('kind = "builtin"\nbuiltin = "garden"\nseed = 1', mesh.format(view)),
+        )
+        raw = protocol_of(read_toml(path), path)
+        told = " ".join(map(str, study_notes(raw, load_display("fhd27-60hz"), 9)))
+        assert ("gaze may lie 0.026 deg from the dot; degrees" in told) == noted
+        assert ("scenes[0].view.vertical_fov_deg: the camera sees 1.05 deg" in told) == noted
