@@ -17,7 +17,7 @@ from analysis.arrays import Bools, Floats
 from analysis.models.numeric import ROUNDING
 from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, computed, with_added
 from analysis.power_curves import DesignPower, Power
-from analysis.showable import FamilyOfTests, two_scenes
+from analysis.showable import FamilyOfTests, limits_of_design
 from protocols.errors import StudyError, count_of
 
 OnCount = Callable[[int, int], None]
@@ -25,7 +25,6 @@ S = TypeVar("S", bound=AnalysisPlan)
 
 COMMON = 0.5
 """Share of the variance between participants, and scenes, that all conditions have in common."""
-FEW_SCENES = 5
 SIZES = 6
 """Number of points of a power curve where each costs as much as the others."""
 BY_TABLE = 100
@@ -189,15 +188,9 @@ class PowerSimulation(ABC, Generic[S]):
         """Return the assumptions, in words."""
         return ", ".join(f"{name} {value:g}" for name, value in assumed.items())
 
-    def notes(self, assumed: Mapping[str, float]) -> list[str]:
+    def notes(self, _assumed: Mapping[str, float]) -> list[str]:
         """Return notes on such a simulation."""
-        scenes = self.cells["scene"].nunique()
-        if scenes == 2 and getattr(self.plan, "test", "participant-scene") == "participant-scene":
-            return two_scenes(scenes)
-        if scenes >= FEW_SCENES or assumed.get("scene_sd", 0.0) <= 0.0:
-            return []
-        number = count_of(scenes, "scene")
-        return [f"{number} only: more participants cannot make up for scenes that differ"]
+        return []
 
 
 AnySimulation: TypeAlias = PowerSimulation[Any]
@@ -261,8 +254,8 @@ def power(
         " model, which takes longer"
     )
     notes = [*simulation.notes(taken), *([by_means] if simulation.timed else []), *errs, *notes]
-    if planned is not None:
-        notes += [note for one in families for note in one.hopeless(planned, plan.alpha)]
+    scenes = simulation.cells["scene"].nunique()
+    notes += limits_of_design(families, planned, plan.alpha, scenes, plan)
     if EQUIVALENCE in each:
         notes += _hardly_equivalent(simulation, people, each[EQUIVALENCE])
     needed = tuple(

@@ -1,11 +1,11 @@
 """Limits of what so few participants, scenes or draws can show at all."""
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
-from analysis.models.clustered import least_p
+from analysis.models.clustered import FEW_SCENES, least_p
 from analysis.models.mixed.inference import least_p_of_draws
 from protocols.errors import count_of
 from protocols.tasks.mixed import MOST_DRAWS
@@ -97,6 +97,28 @@ def _least_of_votes(number: int, toward: float = 0.5) -> float:
 
 def _scenes_at(number: int) -> str:
     return f"{count_of(number, 'scene')} at a value"
+
+
+def limits_of_design(
+    families: Iterable[FamilyOfTests], people: int | None, alpha: float, scenes: int, plan: object
+) -> list[str]:
+    """Return notes on all that a planned design can hardly or never show.
+
+    Parameters
+    ----------
+    plan
+        Section or plan of the analysis; without a key `test` it is always about further scenes.
+    """
+    test = getattr(plan, "test", None)
+    few = two_scenes(scenes)
+    if scenes < FEW_SCENES and not few:
+        number = count_of(scenes, "scene")
+        few = [f"{number} only: more participants cannot make up for scenes that differ"]
+    alone = ', or say test = "participant", which speaks of these alone' * (test is not None)
+    return [
+        *(note for one in families if people for note in one.hopeless(people, alpha)),
+        *(f"{note}. Show five or more{alone}" for note in few if test != "participant"),
+    ]
 
 
 def two_scenes(scenes: int) -> list[str]:

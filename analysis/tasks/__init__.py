@@ -8,9 +8,7 @@ asks them if a design can find anything at all.
 from collections.abc import Callable, Mapping
 from functools import partial
 
-import numpy as np
-
-from analysis.showable import two_scenes
+from analysis.showable import limits_of_design
 from analysis.tasks.base import AnyAnalysis, TaskAnalysis
 from protocols.errors import StudyError, must_be_one_of
 from protocols.plugins import misfit, named, registered, taking
@@ -76,14 +74,5 @@ def planning_notes(study: StudyProtocol) -> list[str]:
     """Return notes on claims that the planned design can hardly or never show."""
     analysis = study.analysis
     people, families = study.study.participants, analysis_of(analysis.kind).families(study)
-    test = getattr(analysis, "test", None)  # of ratings always about further scenes
-    alone = ', or say test = "participant", which speaks of these alone' * (test is not None)
-    scenes = np.unique([cell.scene for cell in study.task.cells(study.pool)]).size
-    return [
-        *(note for one in families for note in one.hopeless(people, analysis.alpha)),
-        *(
-            f"{note}. Show four or more{alone}"
-            for note in two_scenes(scenes)
-            if test in (None, "participant-scene")
-        ),
-    ]
+    scenes = len({cell.scene for cell in study.task.cells(study.pool)})
+    return limits_of_design(families, people, analysis.alpha, scenes, analysis)

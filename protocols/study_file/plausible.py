@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from protocols.display import Display
-from protocols.errors import Problem
+from protocols.errors import Problem, count_of
 from protocols.feasibility import clip_size_px, session_duration_s
 from protocols.plan import arrival_shows
 from protocols.plausible_numbers import hardly_meant
@@ -34,6 +34,10 @@ LONGEST_S: Final = {
 }
 """The longest times that are taken without a word."""
 LONGEST_CLIP_S: Final = 120
+SHORTEST_CLIP_S: Final = 0.5
+"""Two fixations of a quarter second: in less an eye sees once what moves."""
+FEWEST_DECISIONS: Final = 16
+"""With fewer, 95 % of the shares of who guesses reach further than a quarter from one half."""
 LONGEST_SESSION_S: Final = 2 * 60 * 60
 WIDEST_DEG: Final = 100
 SMALLEST_PX: Final = 32
@@ -71,6 +75,8 @@ def study_notes(study: StudyProtocol, display: Display, trials: int) -> list[Pro
         *_scenes(study),
         *_true_view(study),
         *_length(study, trials),
+        *_shown_little(study, trials),
+        *_left_out(study),
         *_arrival(study),
     ]
 
@@ -146,6 +152,38 @@ def _length(study: StudyProtocol, trials: int) -> Iterator[Problem]:
             f"a session takes about {length_s / 60:.0f} minutes ({trials} trials), answers in"
             " 1.5 s; people tire. Use fewer repeats, scenes or sizes, or several sessions",
         )
+
+
+def _shown_little(study: StudyProtocol, trials: int) -> Iterator[Problem]:
+    clip_s, practice = study.stimuli.clip_s, study.design.practice
+    if clip_s is not None and clip_s < SHORTEST_CLIP_S:
+        yield Problem(
+            f"{study.stimuli.section}.duration_s",
+            f"what moves is shown for {clip_s:.2g} s, hardly long enough to be looked at; use more"
+            " frames, or fewer a second",
+        )
+    decisions = trials - study.task.catch_trials - (0 if practice is None else practice.trials)
+    if 0 < decisions < FEWEST_DECISIONS:
+        yield Problem(
+            "design.repeats",
+            f"each participant makes {count_of(decisions, 'decision')}, which say little about one"
+            " person; use more repeats or scenes",
+        )
+
+
+def _left_out(study: StudyProtocol) -> Iterator[Problem]:
+    """Yield a note on methods whose stimuli are in no trial, so that no comparison has them."""
+    column, pool = getattr(study.task, "compare", "method"), study.stimuli.pool()
+    cells = study.task.cells(study.pool)
+    shown = {name for cell in cells for each in cell.arrangements for name in each.stimuli}
+    met = {one.condition.get(column) for one in pool if one.name in shown}
+    for value in study.stimuli.values(column):
+        if met and value not in met:
+            yield Problem(
+                "task",
+                f"no planned comparison has the {column} {value!r}, and no trial shows it; name it"
+                " where the task names what it compares, or leave it out of the stimuli",
+            )
 
 
 def _arrival(study: StudyProtocol) -> Iterator[Problem]:

@@ -51,7 +51,7 @@ def test_planning_says_what_two_scenes_and_small_families_cannot_show(tmp_path):
     assert planning_notes(load_protocol(Path("inpainting-2afc"))) == []
     run("new-study", tmp_path / "rating", "--task", "rating", status=None)
     ratings = load_protocol(tmp_path / "rating" / "study.toml")
-    assert planning_notes(ratings)[-1].endswith("Show four or more")  # they have no other test
+    assert planning_notes(ratings)[-1].endswith("Show five or more")  # they have no other test
     said = " ".join(run("protocol", "check", "demo", status=None).output.split())
     assert "note: two scenes show hardly anything" in said
 
@@ -70,6 +70,11 @@ def case_study(folder, name, participants):
     text = case_text(WEB_CASES[name])
     file.write_text(re.sub(r"participants = \d+", f"participants = {participants}", text))
     return load_protocol(file)
+
+
+def of_people(study):
+    """Return planning's notes but those on few scenes."""
+    return [note for note in planning_notes(study) if "scenes only" not in note]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -158,7 +163,7 @@ def test_scenes_of_one_size_alone_hold_changes_in_jod(large, rng):
 def test_changes_of_right_answers_are_warned_of_at_planning(tmp_path):
     """One comparison at two levels: six people show .031, five no p below .062."""
     five, six = (
-        planning_notes(planned_by(case_study(tmp_path, "identification", people), by="method",
+        of_people(planned_by(case_study(tmp_path, "identification", people), by="method",
                                   level=None, baseline="one", interaction="level"))
         for people in (5, 6)
     )  # fmt: skip
@@ -185,14 +190,14 @@ def test_a_test_against_chance_needs_fewer_people_where_guessing_is_rarer():
 def test_draws_of_a_bootstrap_that_are_too_few_are_said_with_a_cure_that_works(tmp_path):
     """19 draws show no p below 1/20 = .05, which is not below alpha."""
     study = planned_by(case_study(tmp_path, "rating", 6), reaction="models")
-    few = planning_notes(planned_by(study, bootstrap_draws=19))
+    few = of_people(planned_by(study, bootstrap_draws=19))
 
     assert [note.split(" cannot")[0] for note in few] == [
         "the comparison of ratings", "the ratio of times",
     ]  # fmt: skip
     assert "that takes bootstrap_draws = 20, or bootstrap_draws = 0" in few[0]
     for draws in (20, 0):
-        assert planning_notes(planned_by(study, bootstrap_draws=draws)) == []
+        assert of_people(planned_by(study, bootstrap_draws=draws)) == []
 
 
 RIGHT_OR_WRONG = [name for name, kind in TASKS.items() if issubclass(kind.task, RightOrWrong)]

@@ -168,7 +168,7 @@ def test_the_same_seed_gives_the_same_curve(settings):
 def test_few_scenes_are_flagged(demo_protocol, rng):
     curve = curve_of(preference_plan(demo_protocol), rng, [4], rate=0.6, studies=100)
 
-    assert "two scenes show hardly anything about further ones" in curve.warnings[0]
+    assert any("two scenes show hardly anything" in note for note in curve.warnings)
 
 
 def test_a_design_whose_test_errs_too_often_is_not_to_be_planned_by(settings, rng):
