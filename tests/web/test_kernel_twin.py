@@ -53,7 +53,7 @@ FHD = load_display("fhd27-60hz")
 SHIPPED = shipped("studies")
 SLOW = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 BROWSERS = ("refreshes", "answer", "interrupt")
-"""What a browser observes: no gaze."""
+"""Events that a browser observes: none of gaze."""
 VOIDS = ("gaze-break", "data-loss", "no-fixation", "too-late", "dropped-frames", "paused", "quit")
 
 

@@ -272,7 +272,7 @@ def test_of_a_list_full_of_faults_the_first_is_told(field):
 
 
 def test_metadata_is_believed_of_jatos_alone(tmp_path):
-    """Who takes part may send files of any name."""
+    """A participant may send files of any name."""
     told = {"data": [{"studyResults": [{"id": 1, "workerId": 7, "componentResults": []}]}]}
     for number, name in enumerate(
         ["metadata.json", "study_result_2/comp-result_2/files/metadata.json"]

@@ -108,7 +108,7 @@ async function twice<T>(load: (again: boolean) => Promise<T>): Promise<T> {
   }
 }
 
-/** What was loaded of a pack before; else load it. Whoever waits is told of a failure, and another try begins anew. */
+/** Return a pack that was loaded before; else load it. All who wait are told of a failure, and another try begins anew. */
 function once<T>(
   name: string,
   there: Map<string, Promise<T>>,
