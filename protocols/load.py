@@ -13,7 +13,7 @@ from typing import TypeVar
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from protocols.disk.hashing import sha256_bytes
-from protocols.disk.whole_file import decode_utf8, read_bytes
+from protocols.disk.whole_file import read_bytes, written_text
 from protocols.display import Display
 from protocols.errors import Problem, StudyError, did_you_mean, refuse_format_1
 from protocols.gone import gone, without_gone
@@ -77,7 +77,7 @@ def _with_secret(study: StudyProtocol, path: Path) -> StudyProtocol:
     wanted = study.privacy.secret_sha256
     if wanted is None or not path.exists():
         return study
-    secret = decode_utf8(read_bytes(path, "the study's secret"), path).strip()
+    secret = written_text(read_bytes(path, "the study's secret"), path).strip()
     if sha256_bytes(secret.encode()) != wanted:
         raise StudyError(
             f"{path}: must be the secret that privacy.secret_sha256 names ({wanted[:12]}, its hash"
@@ -245,7 +245,7 @@ def _shipped(path: Path, folder: str) -> Path:
 
 def read_toml(path: Path) -> dict[str, object]:
     """Return a parsed TOML file, its lists as tuples; `StudyError` says what is wrong."""
-    text = decode_utf8(read_bytes(path, "the TOML file", "toml"), path)
+    text = written_text(read_bytes(path, "the TOML file", "toml"), path)
     if found := _LONG_KEY.search(text):
         line = text.count("\n", 0, found.start()) + 1
         raise StudyError(

@@ -18,7 +18,7 @@ import pandas as pd
 
 from analysis.tables.counts import HEADER, Counted, decisions_of, is_square
 from analysis.tables.spreadsheet import ENDINGS, read_spreadsheet
-from protocols.disk.whole_file import decoded_text, read_bytes
+from protocols.disk.whole_file import decoded_text, read_bytes, separator_of
 from protocols.errors import StudyError, count_of
 from protocols.limits import FIXED, check_cells, check_within
 from protocols.outside import CONTROL, lines_of, original_cell, safe_cell
@@ -207,7 +207,7 @@ def _read_text(path: Path, notes: list[str]) -> tuple[list[tuple[int, list[str]]
             f"{path}: line 1: must be the header (got {shortened(header.strip())!r}, which only"
             " spreadsheets read); delete this line"
         )
-    separator = max(",;\t", key=header.count)
+    separator = separator_of(text)
     check_cells(path, text, separator)
     if control := CONTROL.search(text):
         line = text.count("\n", 0, control.start()) + 1

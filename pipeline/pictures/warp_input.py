@@ -8,7 +8,6 @@ RGBZ + flow in one OpenEXR file, of one part or several: this project writes ``R
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal, get_args
@@ -50,6 +49,7 @@ from pipeline.pictures.depth_and_flow import (
     read_flow,
 )
 from pipeline.pictures.write import write_pixels
+from protocols.disk.whole_file import decoded_text
 from protocols.errors import must_be_one_of
 from protocols.outside import bounded_bytes, reading
 
@@ -317,7 +317,8 @@ def read_pose(text: str) -> Floats:
     text : str
         ``tx ty tz qx qy qz qw``; the same after a time stamp, as the TUM data sets have it; the 16
         numbers of a 4x4 matrix, row by row; or ``FILE:LINE``, where line 1 is the first that
-        is neither empty nor begins with ``#``. Numbers are parted by blanks or commas.
+        is neither empty nor begins with ``#``. Numbers are parted by blanks or commas, or by
+        semicolons, and have decimal commas then.
 
     Raises
     ------
@@ -328,8 +329,9 @@ def read_pose(text: str) -> Floats:
     """
     name, colon, line = text.rpartition(":")
     if colon and line.isdigit():
-        with reading(Path(name), "a file of poses in UTF-8", InputError):
-            lines = bounded_bytes(Path(name), InputError, "table").decode("utf-8").splitlines()
+        with reading(Path(name), "a file of poses", InputError):
+            data = bounded_bytes(Path(name), InputError, "table")
+            lines = decoded_text(data, []).splitlines()
         rows = [row for row in lines if row.strip() and not row.lstrip().startswith("#")]
         if not 1 <= int(line) <= len(rows):
             raise InputError(f"{name}: must have a pose in line {line} (has {len(rows)} lines)")
@@ -339,7 +341,8 @@ def read_pose(text: str) -> Floats:
 
 def _pose(row: str, where: str) -> Floats:
     try:
-        numbers = np.array([float(part) for part in re.split(r"[\s,]+", row.strip())])
+        plain = row.replace(",", ".").replace(";", " ") if ";" in row else row.replace(",", " ")
+        numbers = np.array([float(part) for part in plain.split()])
     except ValueError:
         numbers = np.empty(0)
     if not np.isfinite(numbers).all():

@@ -207,12 +207,8 @@ def decode_utf8(data: bytes, path: Path) -> str:
 _MARKS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
-def decoded_text(data: bytes, notes: list[str]) -> str:
-    """Return a text from outside, however it is encoded: a table, gaze, lines of browsers.
-
-    UTF-16 is known by its mark, or by the zeros in its letters. What can be no UTF-8 either is
-    Windows' Latin-1. `notes` gets a word on what is not UTF-8, once.
-    """
+def _utf16(data: bytes) -> str:
+    """Return the codec of UTF-16, by its mark or by the zeros in its letters; else nothing."""
     head, unmarked = data[:200], ""
     if head[:2] not in _MARKS and len(head) > 3 and 0 in head:
         half = len(head) // 2
@@ -224,7 +220,32 @@ def decoded_text(data: bytes, notes: list[str]) -> str:
             ),
             "",
         )
-    if code := _MARKS.get(head[:2], unmarked):
+    return _MARKS.get(head[:2], unmarked)
+
+
+def written_text(data: bytes, path: Path) -> str:
+    """Return a text that people wrote, in UTF-8 or, as some editors save it, UTF-16.
+
+    Names must match to the letter: no other encoding is guessed.
+    """
+    with suppress(UnicodeDecodeError):
+        if code := _utf16(data):
+            return data.decode(code).removeprefix("\ufeff")
+    return decode_utf8(data, path)
+
+
+def separator_of(text: str) -> str:
+    """Return the separator of a table's cells, by its header: a comma, a semicolon or a tab."""
+    return max(",;\t", key=text.split("\n", maxsplit=1)[0].count)
+
+
+def decoded_text(data: bytes, notes: list[str]) -> str:
+    """Return a text from outside, however it is encoded: a table, gaze, lines of browsers.
+
+    UTF-16 is known by its mark, or by the zeros in its letters. What can be no UTF-8 either is
+    Windows' Latin-1. `notes` gets a word on what is not UTF-8, once.
+    """
+    if code := _utf16(data):
         note, text = "read as UTF-16", data.decode(code, "replace")
     else:
         with suppress(UnicodeDecodeError):

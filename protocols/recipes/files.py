@@ -12,7 +12,7 @@ from typing import Literal
 from pydantic import TypeAdapter, ValidationError, model_validator
 
 from protocols.blocks import Block
-from protocols.disk.whole_file import decode_utf8, read_bytes
+from protocols.disk.whole_file import read_bytes, written_text
 from protocols.display import Display
 from protocols.errors import Problem, StudyError, did_you_mean
 from protocols.limits import check_cells, check_within
@@ -175,7 +175,7 @@ def read_table(path: Path) -> list[dict[str, object]]:
     StudyError
         If the file cannot be read, lacks a column, or a row lacks a value or has a bad name.
     """
-    text = decode_utf8(read_bytes(path, "the table of stimuli", "table"), path)
+    text = written_text(read_bytes(path, "the table of stimuli", "table"), path)
     check_cells(path, text)
     check_within("files", text.count("\n"), StudyError, path, "lines")
     reader = csv.DictReader(io.StringIO(text), strict=True)

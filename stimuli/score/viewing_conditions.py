@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from protocols.disk.hashing import Json
+from protocols.disk.whole_file import decoded_text, separator_of
 from protocols.errors import StudyError
 from protocols.limits import check_cells
 from protocols.load import load_display
@@ -160,9 +161,11 @@ def read_viewer_gaze(text: str | None, *, may_be_lost: bool = False) -> ViewerGa
     points: tuple[tuple[float, float], ...] = ()
     try:
         with reading(path, "a CSV file in UTF-8", StudyError):
-            text = bounded_bytes(path, StudyError, "table").decode("utf-8-sig")
-            check_cells(path, text)
-            reader = csv.DictReader(io.StringIO(text, newline=""), restkey="(more)")
+            text = decoded_text(bounded_bytes(path, StudyError, "table"), [])
+            separator = separator_of(text)
+            check_cells(path, text, separator)
+            lines = io.StringIO(text, newline="")
+            reader = csv.DictReader(lines, restkey="(more)", delimiter=separator)
             header = list(reader.fieldnames or ())
             if has_both := header.count("x_px") == header.count("y_px") == 1:
                 points = tuple(
@@ -189,7 +192,8 @@ def _point(
 ) -> tuple[float, float]:
     nothing = "nan" if may_be_lost else ""
     try:
-        x_px, y_px = (float(nothing if part == "" else part or "") for part in parts)
+        cells = (nothing if part == "" else part or "" for part in parts)
+        x_px, y_px = (float(cell.replace(",", ".")) for cell in cells)
     except ValueError:
         x_px = y_px = math.inf
     if may_be_lost and math.isnan(x_px) and math.isnan(y_px):

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.disk.whole_file import decoded_text, read_bytes
+from protocols.disk.whole_file import decoded_text, read_bytes, separator_of
 from protocols.errors import StudyError
 from protocols.limits import check_rows, gunzipped
 from protocols.outside import lines_of, reading
@@ -259,7 +259,8 @@ def _sense(first: float, last: float) -> float:
 
 
 def _read_csv(path: Path, text: str, unknown: tuple[float, ...] | None) -> Recording:
-    reader = csv.reader(lines_of(text))
+    separator = separator_of(text)
+    reader = csv.reader(lines_of(text), delimiter=separator)
     names = next(reader, [])
     unit = next((unit for unit in _STAMPS if unit in names), None)
     missing = [name for name in ("x_px", "y_px") if name not in names]
@@ -272,7 +273,8 @@ def _read_csv(path: Path, text: str, unknown: tuple[float, ...] | None) -> Recor
     samples = array("d")
     for row in reader:
         try:
-            samples.extend([float(row[place] or "nan") for place in places] if row else [])
+            cells = [row[place] or "nan" for place in places] if row else []
+            samples.extend(float(cell.replace(",", ".")) for cell in cells)
         except (IndexError, ValueError):
             raise StudyError(
                 f"{path}: line {reader.line_num}: must hold numbers (got {','.join(row)[:80]!r})"

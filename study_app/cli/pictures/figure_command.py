@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from protocols.disk.whole_file import decoded_text
 from protocols.errors import StudyError
 from protocols.limits import check_cells
 from protocols.load import load_protocol
@@ -171,7 +172,7 @@ def _scores(report: Path, kind: str, size: str | None) -> tuple[Mapping[str, str
             return _jods(scale["sizes"], size), read.simulated
         path = report / "tables" / "preferences.csv"
         with reading(path, "a table of preferences in UTF-8", StudyError):
-            text = bounded_bytes(path, StudyError, "table").decode("utf-8")
+            text = decoded_text(bounded_bytes(path, StudyError, "table"), [])
             check_cells(path, text)
             rows = list(csv.DictReader(lines_of(text)))
         return _shares(rows, size), read.simulated

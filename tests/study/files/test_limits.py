@@ -242,7 +242,7 @@ def test_indices_of_a_gltf_that_lead_nowhere_are_one_message(tmp_path):
 def test_poses_gaze_and_tables_that_no_reader_can_read_are_one_message(tmp_path):
     bad = tmp_path / "poses.txt"
     bad.write_bytes(b"0 1 2\xff 3 0 0 0 1\n")
-    with pytest.raises(InputError, match="must be a file of poses in UTF-8"):
+    with pytest.raises(InputError, match=r"1: must be tx ty tz"):
         read_pose(f"{bad}:1")
     wide = tmp_path / "wide.csv"
     wide.write_text("t_s,x,y_px\n1,2,3,4\n")
