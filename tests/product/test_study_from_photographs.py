@@ -97,13 +97,14 @@ def test_one_photograph_is_a_study_of_detection_that_people_can_take(metamerlab,
 def test_an_exr_sequence_is_a_built_study_in_three_commands(metamerlab, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     frames(tmp_path / "frames", 6)
-    for command in (
-        ("new-study", "shot", "--exr", "frames/shot_####.exr"),
-        ("protocol", "check", "shot/study.toml"),
-        ("stimuli", "build", "shot/study.toml", "--out", "shot/clips", "--workers", "1"),
+    few = ["stimuli.clips.duration_s:", "design.repeats:", "1 scene"]  # six frames of one scene
+    for command, notes in (
+        (("new-study", "shot", "--exr", "frames/shot_####.exr"), []),
+        (("protocol", "check", "shot/study.toml"), few),
+        (("stimuli", "build", "shot/study.toml", "--out", "shot/clips", "--workers", "1"), []),
     ):
         done = metamerlab(*command)
-        assert "note" not in done.output
+        assert re.findall(r"note: (1 scene|\S+)", done.output) == notes
     read = tomllib.loads(Path("shot/study.toml").read_text(encoding="utf-8"))
     assert [size["name"] for size in read["stimuli"]["sizes"]] == ["own"]
     assert (read["stimuli"]["clips"]["width_px"], read["stimuli"]["clips"]["height_px"]) == (64, 48)
