@@ -266,10 +266,12 @@ def latin_row(count: int, row: int) -> list[int]:
 
 
 def apart(trials: Iterable[PlannedTrial], before: frozenset[str] | None) -> list[PlannedTrial]:
-    """Return the trials so that no two in a row show the same, moved as little as possible.
+    """Return the trials of a block so that no two in a row show the same, and few are moved.
 
     Trials of which an adaptive rule chooses what they show may stand anywhere. They count among
-    what could meet itself, as they did in every plan so far, unless that finds no order.
+    what could meet itself, as they did in every plan so far, unless that finds no order. The last
+    trial `before` the block, which a break parts from it, counts unless that leaves a block of
+    several stimuli no order.
 
     Raises
     ------
@@ -277,17 +279,18 @@ def apart(trials: Iterable[PlannedTrial], before: frozenset[str] | None) -> list
         If more than half of the trials show the same, so that there is no such order.
     """
     left = list(trials)
-    ordered = _ordered_apart(left, before, open_counts=True)
-    if ordered is None:
-        ordered = _ordered_apart(left, before, open_counts=False)
-    if ordered is None:
-        most, _ = Counter(trial.shown for trial in left if trial.shown).most_common(1)[0]
-        raise StudyError(
-            f"design: no two trials in a row may show the same (block {left[0].block} has too many"
-            f" trials of {' and '.join(sorted(most))}); add scenes or conditions, or take fewer"
-            " repeats"
-        )
-    return ordered
+    several = len({trial.shown for trial in left}) > 1
+    for met in (before, None) if several else (before,):
+        for open_counts in (True, False):
+            ordered = _ordered_apart(left, met, open_counts=open_counts)
+            if ordered is not None:
+                return ordered
+    most, _ = Counter(trial.shown for trial in left if trial.shown).most_common(1)[0]
+    raise StudyError(
+        f"design: no two trials in a row may show the same (block {left[0].block} has too many"
+        f" trials of {' and '.join(sorted(most))}); add scenes or conditions, or take fewer"
+        " repeats"
+    )
 
 
 def _ordered_apart(

@@ -6,7 +6,6 @@ from web_study import brought_home, built, for_browsers
 
 from protocols.journal import Note
 from protocols.journal_file import read_journal
-from study_app.web.import_lines import DISTURBANCES
 
 SMALL = (300, 120)
 TOO_SMALL = "document.querySelector('main')?.dataset.page === 'window'"
@@ -87,7 +86,7 @@ def test_changes_that_a_browser_does_not_tell_void_the_attempt_and_nothing_count
     assert (imported.state, imported.reason) == ("imported", "completed"), imported.message
     journal = read_journal(tmp_path / "short" / imported.participant / "journal.jsonl")
     notes = [event.text for event in journal.events if isinstance(event, Note)]
-    changes = [text for text in notes if text not in DISTURBANCES.values()]
+    changes = [text for text in notes if text.startswith("window of")]
     size = f"{need_px[0]} x {need_px[1]}"
     assert changes[-1] == f"window of {size} px, device ratio 2, scale 1, in full screen"
 

@@ -2,6 +2,7 @@
 
 import io
 from collections import Counter
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from web_browser import Browser, served, whole
 from web_study import PIECE_PX, BuiltWebStudy, brought_home, for_browsers
 
 from protocols.disk.hashing import sha256_bytes
+from protocols.plan import planned_trials
 from study_app.paint import PixelBytes
 from study_app.session_folders import find_sessions
 from study_app.verification import verify
@@ -75,6 +77,15 @@ def test_a_participant_is_sent_the_files_of_its_scenes_alone(alike):
     whole = export.WebBuild(for_browsers(alike.study), alike.display, alike.manifest)
     sizes = {clip.name: {clip.name: 10} for clip in alike.manifest.clips}
     assert 3 * build.needs(sizes).fetched_bytes == 2 * whole.needs(sizes).fetched_bytes
+
+
+def test_every_participant_of_few_scenes_has_a_plan(alike):
+    """With two scenes of three one in eight had none: a block began as the one before ended."""
+    study = alike.study.in_a_browser()
+    for number in range(200):
+        trials = planned_trials(study, f"P{number}", number % 6)
+        for one, following in pairwise(trials):
+            assert one.block != following.block or one.shown != following.shown
 
 
 def shared_session(browser: Browser, alike: BuiltWebStudy, folder) -> None:

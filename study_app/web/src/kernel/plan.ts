@@ -164,9 +164,12 @@ export function latinRow(count: number, row: number): number[] {
 
 /** The trials so that no two in a row show the same, moved as little as possible. */
 function apart(trials: readonly PlannedTrial[], before: string | null): PlannedTrial[] {
-  const ordered = orderedApart(trials, before, true) ?? orderedApart(trials, before, false);
-  if (!ordered) throw new Error("no two trials in a row may show the same: there is no such order");
-  return ordered;
+  // What came before a break counts unless that leaves a block of several stimuli no order.
+  for (const met of new Set(trials.map(shown)).size > 1 ? [before, null] : [before]) {
+    const ordered = orderedApart(trials, met, true) ?? orderedApart(trials, met, false);
+    if (ordered) return ordered;
+  }
+  throw new Error("no two trials in a row may show the same: there is no such order");
 }
 
 function orderedApart(
