@@ -254,7 +254,7 @@ def power(
         " model, which takes longer"
     )
     notes = [*simulation.notes(taken), *([by_means] if simulation.timed else []), *errs, *notes]
-    scenes = simulation.cells["scene"].nunique()
+    scenes = simulation.cells["scene"].replace("", None).nunique()
     notes += limits_of_design(families, planned, plan.alpha, scenes, plan)
     if EQUIVALENCE in each:
         notes += _hardly_equivalent(simulation, people, each[EQUIVALENCE])

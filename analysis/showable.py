@@ -111,7 +111,7 @@ def limits_of_design(
     """
     test = getattr(plan, "test", None)
     few = two_scenes(scenes)
-    if scenes < FEW_SCENES and not few:
+    if 0 < scenes < FEW_SCENES and not few:
         number = count_of(scenes, "scene")
         few = [f"{number} only: more participants cannot make up for scenes that differ"]
     alone = ', or say test = "participant", which speaks of these alone' * (test is not None)

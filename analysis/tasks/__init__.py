@@ -74,5 +74,5 @@ def planning_notes(study: StudyProtocol) -> list[str]:
     """Return notes on claims that the planned design can hardly or never show."""
     analysis = study.analysis
     people, families = study.study.participants, analysis_of(analysis.kind).families(study)
-    scenes = len({cell.scene for cell in study.task.cells(study.pool)})
+    scenes = len({cell.scene for cell in study.task.cells(study.pool)} - {""})
     return limits_of_design(families, people, analysis.alpha, scenes, analysis)

@@ -170,7 +170,9 @@ def read_viewer_gaze(text: str | None, *, may_be_lost: bool = False) -> ViewerGa
             if has_both := header.count("x_px") == header.count("y_px") == 1:
                 points = tuple(
                     _point(
-                        [row["x_px"], row["y_px"]], f"{path}: line {reader.line_num}", may_be_lost
+                        [_with_point(row[name], separator) for name in ("x_px", "y_px")],
+                        f"{path}: line {reader.line_num}",
+                        may_be_lost,
                     )
                     for row in reader
                 )
@@ -187,13 +189,17 @@ def read_viewer_gaze(text: str | None, *, may_be_lost: bool = False) -> ViewerGa
     return ViewerGaze(points)
 
 
+def _with_point(cell: str | None, separator: str) -> str | None:
+    """Return a cell with a decimal point: beside semicolons and tabs commas are decimal ones."""
+    return cell if cell is None or separator == "," else cell.replace(",", ".")
+
+
 def _point(
     parts: Sequence[str | None], where: str, may_be_lost: bool = False
 ) -> tuple[float, float]:
     nothing = "nan" if may_be_lost else ""
     try:
-        cells = (nothing if part == "" else part or "" for part in parts)
-        x_px, y_px = (float(cell.replace(",", ".")) for cell in cells)
+        x_px, y_px = (float(nothing if part == "" else part or "") for part in parts)
     except ValueError:
         x_px = y_px = math.inf
     if may_be_lost and math.isnan(x_px) and math.isnan(y_px):

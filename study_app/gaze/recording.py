@@ -274,7 +274,8 @@ def _read_csv(path: Path, text: str, unknown: tuple[float, ...] | None) -> Recor
     for row in reader:
         try:
             cells = [row[place] or "nan" for place in places] if row else []
-            samples.extend(float(cell.replace(",", ".")) for cell in cells)
+            points = cells if separator == "," else [cell.replace(",", ".") for cell in cells]
+            samples.extend(map(float, points))
         except (IndexError, ValueError):
             raise StudyError(
                 f"{path}: line {reader.line_num}: must hold numbers (got {','.join(row)[:80]!r})"

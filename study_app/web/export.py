@@ -179,7 +179,7 @@ class WebBuild:
         return found
 
     def needs(self, packs: Mapping[str, Mapping[str, int]] | None = None) -> BrowserNeeds:
-        """Return the needs of the study: of a participant's line, screen and browser.
+        """Return the memory that the study takes of a participant's line and browser.
 
         Parameters
         ----------

@@ -62,3 +62,12 @@ def test_no_other_encoding_is_guessed_where_names_must_match(what, tmp_path):
     path.write_bytes(text.replace("Łódź", "Genève").encode("cp1252"))
     with pytest.raises(StudyError, match=r"must be UTF-8 text.*save the file as UTF-8"):
         read(path)
+
+
+@pytest.mark.parametrize("what", ["gaze", "gaze of a viewer"])
+def test_a_comma_in_a_cell_beside_commas_is_no_decimal_one(what, tmp_path):
+    read, name, text = READERS[what]
+    path = tmp_path / name
+    path.write_text(text.replace("10.5", '"1,043"'))
+    with pytest.raises(StudyError, match="line 2"):
+        read(path)
