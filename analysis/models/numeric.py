@@ -8,7 +8,17 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtrc, gammaincinv, stdtr, stdtrit
+from scipy.special import (
+    bdtr,
+    betaincinv,
+    chdtrc,
+    gammaincinv,
+    gammaln,
+    stdtr,
+    stdtrit,
+    xlog1py,
+    xlogy,
+)
 
 from analysis.arrays import Floats
 
@@ -31,6 +41,34 @@ def chi_squared_quantile(level: float) -> float:
 def chi_squared_p(statistic: ArrayLike, df: float = 1.0) -> Floats:
     """Return the chance of a statistic of chi-squared that is as large or larger."""
     return np.asarray(chdtrc(df, statistic))
+
+
+def binomial_below(count: ArrayLike, trials: ArrayLike, chance: float) -> Floats:
+    """Return the chance of so many successes of independent trials, or fewer."""
+    return np.asarray(bdtr(count, np.asarray(trials, dtype=np.int64), chance))
+
+
+def binomial_log_chance(count: ArrayLike, trials: ArrayLike, chance: ArrayLike) -> Floats:
+    """Return the logarithm of the chance of exactly so many successes of independent trials."""
+    k, n = np.asarray(count, dtype=np.float64), np.asarray(trials, dtype=np.float64)
+    ways = gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0)
+    return np.asarray(ways + xlogy(k, chance) + xlog1py(n - k, -np.asarray(chance)))
+
+
+def exact_binomial(
+    count: int, trials: int, chance: float = 0.5, level: float = 0.95
+) -> tuple[float, float, float]:
+    """Return the exact two-sided p of a share of independent trials, and its limits.
+
+    p is the chance of all numbers that are no likelier (rounding apart); limits are those of
+    Clopper and Pearson.
+    """
+    each = np.exp(binomial_log_chance(np.arange(trials + 1), trials, chance))
+    p = min(1.0, float(each[each <= each[count] * (1.0 + 1e-7)].sum()))
+    tail = 0.5 - 0.5 * level
+    low = betaincinv(count, trials - count + 1, tail) if count else 0.0
+    high = betaincinv(count + 1, trials - count, 1.0 - tail) if count < trials else 1.0
+    return p, float(low), float(high)
 
 
 ROUNDING = 1e-9

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-import scipy
 
 from analysis.models.clustered import holm, sign_flip_p, two_way
 from analysis.models.compared_methods import cell_counts
+from analysis.models.numeric import binomial_below, exact_binomial
 from protocols.errors import count_of
 
 
@@ -75,16 +75,13 @@ def _bias(alternative: str, rows: pd.DataFrame, picked: pd.Series, alpha: float)
     wins, totals = chosen.sum(axis=1), shown.sum(axis=1)
     shares = wins / totals
     # Against one half the exact two-sided test is twice the smaller tail.
-    own = np.minimum(1.0, 2.0 * scipy.stats.binom.cdf(np.minimum(wins, totals - wins), totals, 0.5))
+    own = np.minimum(1.0, 2.0 * binomial_below(np.minimum(wins, totals - wins), totals, 0.5))
     adjusted = holm(own)
     notes = []
     flip = sign_flip_p(shares - 0.5)
     if len(people) < 2:
         share, notes = float(wins.sum() / totals.sum()), ["one participant only"]
-        limits = scipy.stats.binomtest(int(wins.sum()), int(totals.sum())).proportion_ci(
-            1 - alpha, method="exact"
-        )
-        lower, upper, p = float(limits.low), float(limits.high), float(own[0])
+        p, lower, upper = exact_binomial(int(wins.sum()), int(totals.sum()), level=1.0 - alpha)
     else:
         estimate = two_way(chosen, shown)
         share = float(estimate.share)

@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-import scipy
 
 from analysis.arrays import Floats
 from analysis.models.clustered import (
@@ -18,6 +17,7 @@ from analysis.models.clustered import (
     two_way,
 )
 from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts, found_pairings
+from analysis.models.numeric import exact_binomial
 from analysis.showable import two_scenes
 from protocols.errors import count_of
 
@@ -254,17 +254,15 @@ def preference(
         cells = [one.sum(axis=1, keepdims=True) if one_way else one for one in (chosen, shown)]
         estimate = two_way(*cells)
     share = wins / trials
-    exact = scipy.stats.binomtest(wins, trials)
-    exact_limits = exact.proportion_ci(level, method="exact")
+    exact_p, exact_lower, exact_upper = exact_binomial(wins, trials, level=level)
     notes = _notes(shown, wins, claimed=test == "participant-scene")
     judged = _judged(estimate, len(people), alpha, margin, one_way=test == "participant")
     if judged.note:
         notes.append(judged.note)
     tested, ends = judged.test, judged.limits
     if test == "pooled":
-        p = float(exact.pvalue)
-        tested = replace(tested, name="pooled exact binomial", p=p, p_adjusted=p)
-        ends = float(exact_limits.low), float(exact_limits.high)
+        tested = replace(tested, name="pooled exact binomial", p=exact_p, p_adjusted=exact_p)
+        ends = exact_lower, exact_upper
         notes.append("the protocol's test takes trials as independent: p is too small")
     equal = judged.equivalence_p
     odds_share = (wins + 0.5) / (trials + 1.0) if wins in (0, trials) else share
@@ -280,9 +278,9 @@ def preference(
         test=tested,
         sign_flip_p=sign_flip_p(shares - 0.5),
         sign_flip_floor=sign_flip_floor(len(people)),
-        exact_p=float(exact.pvalue),
-        exact_lower=float(exact_limits.low),
-        exact_upper=float(exact_limits.high),
+        exact_p=exact_p,
+        exact_lower=exact_lower,
+        exact_upper=exact_upper,
         cohens_h=cohens_h(share),
         odds_ratio=odds_share / (1.0 - odds_share),
         odds_lower=_odds(ends[0], trials),

@@ -10,7 +10,7 @@ import scipy
 
 from analysis.arrays import Floats
 from analysis.models.curves.response import Link, ResponseFunction, axis_of
-from analysis.models.numeric import chi_squared_quantile
+from analysis.models.numeric import binomial_log_chance, chi_squared_quantile
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import WIDTH_EDGE
 from protocols.adaptive.psychometric_function import sigmoid as broadcast_sigmoid
@@ -221,7 +221,7 @@ def fit_psychometric(
     best, likelihood = problem.fit()
     threshold, width, guess_rate, lapse_rate = problem.unpack(best)
     share = successes / trials
-    saturated = float(np.sum(scipy.stats.binom.logpmf(successes, trials, share)))
+    saturated = float(np.sum(binomial_log_chance(successes, trials, share)))
     constant = saturated - float(np.sum(_log_terms(successes, trials, share)))
     deviance = max(0.0, 2.0 * (saturated - constant - likelihood))
     df = x.size - best.size

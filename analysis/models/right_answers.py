@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-import scipy
 
 from analysis.arrays import Floats
 from analysis.models.cells import TrialGrid, checked, conditions, grid
@@ -18,6 +17,7 @@ from analysis.models.clustered import (
     two_way_influence,
 )
 from analysis.models.contrasts import Difference, pairs_of
+from analysis.models.numeric import exact_binomial
 from analysis.showable import two_scenes
 from protocols.errors import count_of
 
@@ -94,12 +94,11 @@ def rate(
     """Return the share of one condition's trials (0/1) in which something happened."""
     happened, shown = places.count(event), places.count(event * 0 + 1)
     count, total = int(happened.sum()), int(shown.sum())
-    exact = scipy.stats.binomtest(count, total, chance)
+    exact_p, *ends = exact_binomial(count, total, chance, level)
     people, scenes = (int((shown.sum(axis=axis) > 0).sum()) for axis in (1, 0))
     notes = two_scenes(scenes)
     if people < 2:
-        interval = exact.proportion_ci(level, method="exact")
-        lower, upper, p = float(interval.low), float(interval.high), float(exact.pvalue)
+        (lower, upper), p = ends, exact_p
         notes.append("one participant only: limits speak about this person's trials")
     else:
         estimate = two_way(happened, shown)
@@ -119,7 +118,7 @@ def rate(
         level=level,
         chance=chance,
         p=p,
-        exact_p=float(exact.pvalue),
+        exact_p=exact_p,
         participants=people,
         scenes=scenes,
         warnings=tuple(notes),

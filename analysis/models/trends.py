@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-import scipy
 
 from analysis.arrays import Floats
 from analysis.models.clustered import participant_t, sign_flip_p
-from analysis.models.numeric import ROUNDING, tied, two_sided_quantile
+from analysis.models.numeric import ROUNDING, tied, two_sided_p, two_sided_quantile
 
 
 @dataclass(frozen=True)
@@ -117,9 +116,11 @@ def trend(
         rho, rho_p = np.nan, np.nan
         notes.append("all values are equal, or too few: no rank correlation")
     else:
-        rho, rho_p = map(
-            float, scipy.stats.spearmanr(order, tied(np.asarray(value, dtype=np.float64)))
-        )
+        ranks = order.rank(), pd.Series(tied(np.asarray(value, dtype=np.float64))).rank()
+        rho, free = float(np.corrcoef(*ranks)[0, 1]), len(value) - 2
+        rho_p = 0.0
+        if abs(rho) < 1.0:
+            rho_p = float(two_sided_p(rho * np.sqrt(free / ((1.0 - rho) * (1.0 + rho))), free))
     mean, error, df, p, flipped = float(drift[0]) if drift.size else np.nan, *[np.nan] * 4
     if drift.size < 2:
         notes.append("fewer than two participants with three trials: no test between participants")

@@ -6,9 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-import scipy
 from numpy.random import Generator
-from scipy.special import ndtri
+from scipy.special import nctdtr, ndtri
 
 from analysis.models.clustered import ClusteredShare, two_way
 from analysis.models.compared_methods import Comparisons, counts
@@ -112,7 +111,7 @@ def _power(estimate: ClusteredShare, plan: PreferencePlan, times: float) -> floa
     error = max(error, float(np.sqrt(0.25 / (estimate.trials * times))))
     df = float(estimate.df)
     reach, away = two_sided_quantile(plan.confidence, df), plan.margin / error
-    return float(scipy.stats.nct.sf(reach, df, away) + scipy.stats.nct.cdf(-reach, df, away))
+    return float(1.0 - nctdtr(df, away, reach) + nctdtr(df, away, -reach))
 
 
 def _sentences(found: AchievedPower, plan: PreferencePlan) -> Iterator[str]:

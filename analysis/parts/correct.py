@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-import scipy
 
+from analysis.models.numeric import binomial_below
 from analysis.models.right_answers import Rate, correct_rates
 from analysis.parts import AnalysisPlan, PartFigure, Presentation, SimplePart
 from analysis.parts.shared import condition, in_order
@@ -202,7 +202,7 @@ _STEEP = 4.0
 def below_guessing(rows: pd.DataFrame, chance: float) -> tuple[str, ...]:
     """Return a note where right answers are fewer than guessing gives; else none."""
     right, trials = int(rows["correct"].sum()), len(rows)
-    if scipy.stats.binom.cdf(right, trials, chance) >= RARE:
+    if binomial_below(right, trials, chance) >= RARE:
         return ()
     return (
         f"answers are below guessing ({right} of {trials} right): if correct is 1 for errors, say"
@@ -213,7 +213,7 @@ def below_guessing(rows: pd.DataFrame, chance: float) -> tuple[str, ...]:
 def below_at(rows: pd.DataFrame, level: str, chance: float) -> str:
     """Return levels with fewer right answers than guessing gives; empty: none."""
     counts = rows.groupby(level)["correct"].agg(["sum", "size"])
-    low = counts[scipy.stats.binom.cdf(counts["sum"], counts["size"], chance) < RARE / len(counts)]
+    low = counts[binomial_below(counts["sum"], counts["size"], chance) < RARE / len(counts)]
     if low.empty:
         return ""
     return (

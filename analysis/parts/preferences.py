@@ -8,13 +8,13 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import pandas as pd
-import scipy
 from markupsafe import Markup
 
 from analysis.answers import SimulatedAnswers
 from analysis.arrays import Floats
 from analysis.models.clustered import ClusteredShare, holm, two_way_of_first
 from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts
+from analysis.models.numeric import binomial_below
 from analysis.models.preference import (
     Preference,
     PreferenceTable,
@@ -166,7 +166,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
             if plan.test != "pooled":
                 return found.p_value()
             fewer = np.round(np.minimum(found.share, 1.0 - found.share) * found.trials)
-            one_sided = scipy.stats.binom.cdf(fewer, found.trials, 0.5)
+            one_sided = binomial_below(fewer, found.trials, 0.5)
             return np.asarray(np.minimum(1.0, 2.0 * one_sided))
 
         def family() -> Floats:

@@ -7,7 +7,7 @@ import io
 import logging
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -215,7 +215,7 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
     if kind not in metadata:
         raise ValueError(f"kind must be one of {sorted(metadata)} (got {kind!r})")
     buffer = io.BytesIO()
-    with _styled(), _letters_alone():
+    with _styled(), _letters_alone() if kind == "pdf" else nullcontext():
         if (engine := figure.get_layout_engine()) is not None:
             engine.execute(figure)
             figure.set_layout_engine(None)  # else every kind is drawn twice, and laid out anew

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from typing import Literal
 
 import pandas as pd
 from markupsafe import Markup, escape
 
 from analysis.data_dictionary import dictionary
 from analysis.parts import PartFigure
-from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes, save_figure
+from analysis.plots import ONE_COLUMN_IN, TWO_COLUMNS_IN, figure_bytes
 from analysis.report.content import ReportContent, content_of
 from analysis.report.exclusion_comparison import beside, beside_blocks
 from analysis.report.report_page import report_page
@@ -38,6 +39,9 @@ from protocols.study_file.schema import StudyProtocol
 
 HTML_NAME = "report.html"
 _WIDTHS = {"narrow": (ONE_COLUMN_IN, "1-column"), "wide": (TWO_COLUMNS_IN, "2-column")}
+FigureFiles = Literal["svg", "pdf", "png", "all", "none"]
+"""Files of figures beside the page: of one format, at the width of two columns; or all, at both."""
+
 _LIBRARIES = ("numpy", "scipy", "pandas", "statsmodels", "matplotlib")
 
 
@@ -67,7 +71,7 @@ def report_sessions(
     out: Path,
     *,
     replace: bool = False,
-    figure_files: bool = True,
+    figure_files: FigureFiles = "svg",
     progress: Progress | None = None,
 ) -> ReportPaths:
     """Analyse every session below `folder` and write a report into `out`.
@@ -91,7 +95,7 @@ def report_decisions(
     *,
     table: TableSettings | None = None,
     replace: bool = False,
-    figure_files: bool = True,
+    figure_files: FigureFiles = "svg",
     progress: Progress | None = None,
 ) -> ReportPaths:
     """Analyse a table of decisions (`analysis import` made it, or another tool)."""
@@ -108,7 +112,7 @@ def write_report(
     out: Path,
     *,
     replace: bool = False,
-    figure_files: bool = True,
+    figure_files: FigureFiles = "svg",
     progress: Progress | None = None,
 ) -> ReportPaths:
     """Write the report of a source into `out`; `read` is where the source lies."""
@@ -174,11 +178,11 @@ def _draw(
     work: Path,
     *,
     simulated: bool,
-    files: bool,
+    files: FigureFiles,
     say: Progress,
 ) -> dict[str, Figure]:
     folder = work / "figures"
-    if files:
+    if files != "none":
         folder.mkdir()
     mark = Markup(" <strong>Simulated data.</strong>") * simulated
     drawn = {}
@@ -187,10 +191,11 @@ def _draw(
         svgs = {}
         for key, (width_in, columns) in _WIDTHS.items():
             made = figure.draw(width_in=width_in)
-            if files:
-                svg = save_figure(made, folder, f"{figure.name}-{columns}")[0].read_bytes()
-            else:
-                svg = figure_bytes(made, "svg")
+            svg = figure_bytes(made, "svg")
+            for kind in ("svg", "pdf", "png"):
+                if files == "all" or (files == kind and key == "wide"):
+                    data = svg if kind == "svg" else figure_bytes(made, kind)
+                    (folder / f"{figure.name}-{columns}.{kind}").write_bytes(data)
             svgs[key] = Markup(inline_svg(svg, f"{figure.name}-{key}", figure.caption))
         caption = escape(figure.caption) + mark
         drawn[figure.name] = Figure(caption, svgs.get("wide", ""), svgs.get("narrow", ""))

@@ -118,6 +118,7 @@ SLOTS = tuple(
 
 _OLD_SPELLINGS: dict[tuple[str, ...], dict[str, str]] = {
     ("analysis", "power"): {"--people": "--participants"},
+    ("analysis", "report"): {"--no-figures": "--figures=none"},
     ("demo",): {"--observers": "--participants"},
     **{(name,): {"--method": "--methods"} for name in ("warp", "foveate", "live")},
     **{

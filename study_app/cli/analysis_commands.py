@@ -18,6 +18,7 @@ from study_app.cli.export_commands import export
 from study_app.cli.option_groups import CommandGroup
 from study_app.cli.options import (
     SESSIONS_PROTOCOL_HELP,
+    FiguresOption,
     NewFolderOption,
     ReplaceOption,
     SessionsArgument,
@@ -117,9 +118,7 @@ def report(
     ] = None,
     *,
     of_table: ReportedTable,
-    figures: Annotated[
-        bool, typer.Option(help="Also write every figure as SVG, PDF and PNG at both widths.")
-    ] = True,
+    figures: FiguresOption = "svg",
     replace: ReplaceOption = False,
 ) -> None:
     """Analyse a study and write a report: one HTML page, a JSON of every number, tables, figures.

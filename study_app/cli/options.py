@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 import typer
 
@@ -37,6 +37,13 @@ SessionArgument = Annotated[
 SessionsProtocolOption = Annotated[Path, typer.Option(help=SESSIONS_PROTOCOL_HELP)]
 NewFolderOption = Annotated[
     Path, typer.Option(help="Folder to fill. It appears only when complete.")
+]
+FiguresOption = Annotated[
+    Literal["svg", "pdf", "png", "all", "none"],
+    typer.Option(
+        help="Files of the page's figures: one format for two columns (7 in); or all formats, for"
+        " one column (3.33 in) too."
+    ),
 ]
 ReplaceOption = Annotated[bool, typer.Option("--replace", help="Replace an earlier result.")]
 

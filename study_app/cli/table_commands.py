@@ -22,12 +22,13 @@ from analysis.plans.table_sections import (
 from protocols.errors import StudyError
 from protocols.tasks.base import Analysis
 from protocols.units import key_docs
-from study_app.cli.options import ReplaceOption, pairs
+from study_app.cli.options import FiguresOption, ReplaceOption, pairs
 from study_app.cli.progress import one_line
 from study_app.cli.terminal import PlainConsole, say, say_notes
 
 if TYPE_CHECKING:  # a command imports its own part of the analysis when it runs
     from analysis.report.content import ReportContent
+    from analysis.report.write_report import FigureFiles
     from analysis.tables.counts import Counted
     from analysis.tables.table import Table as AnyTable
     from protocols.blocks import Block
@@ -65,7 +66,7 @@ AnswerOption = Annotated[
     ),
 ]
 OutOption = Annotated[
-    Path | None, typer.Option(help="Folder for figures (SVG, PDF, PNG), tables and results.json.")
+    Path | None, typer.Option(help="Folder for the page, figures, tables and results.json.")
 ]
 CoverageOption = Annotated[
     float, typer.Option(min=0.5, max=0.999, help="Share of limits that hold the truth.")
@@ -90,6 +91,7 @@ def _question(
         answer: AnswerOption = None,
         coverage: CoverageOption = 0.95,
         out: OutOption = None,
+        figures: FiguresOption = "svg",
         replace: ReplaceOption = False,
         **given: str | bool | list[str] | None,
     ) -> None:
@@ -104,7 +106,7 @@ def _question(
         kind, how = str(told.model_fields["kind"].default), (columns, where, answer)
         for key, named in several.items():
             texts |= {f"{key}.{name}": one for name, one in pairs(f"--{key}", named).items()}
-        ask(kind, table, how, texts, out, replace=replace, only=only)
+        ask(kind, table, how, texts, out, figures=figures, replace=replace, only=only)
 
     def made(described: Callable[[], None]) -> Callable[..., None]:
         hints = get_type_hints(command, include_extras=True)
@@ -238,6 +240,7 @@ def ask(
     texts: Mapping[str, str],
     out: Path | None,
     *,
+    figures: FigureFiles,
     replace: bool,
     only: Collection[str] = (),
 ) -> None:
@@ -269,7 +272,9 @@ def ask(
         if out is None:
             content = content_of(source, lambda name: progress(name, 0, 0))
         else:
-            content = write_report(source, path, out, replace=replace, progress=progress).content
+            content = write_report(
+                source, path, out, replace=replace, figure_files=figures, progress=progress
+            ).content
     print_content(content, simulated=source.simulated)
     if out is not None:
         say(f"page, tables, figures, numbers: {out}")

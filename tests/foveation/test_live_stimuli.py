@@ -590,7 +590,7 @@ def test_the_shipped_live_studies_simulate_whole_and_are_reported_with_their_lat
     assert "sample to flip" in listed.stdout
     assert "ms, 95 %" in listed.stdout
     if name == "live-preference":  # tests of the other kind of report take as long
-        report_sessions(tmp_path / "s", study, tmp_path / "r", figure_files=False)
+        report_sessions(tmp_path / "s", study, tmp_path / "r", figure_files="none")
         page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
         said = re.search(r"Frames that followed the gaze, (sample to flip: median [^<]*)", page)
         assert said

@@ -220,12 +220,12 @@ def report_of(name: str, folder: Path, write_journals: Callable[..., Path] | Non
         analysis = analysis.model_copy(update={"exclusions": rules})
         study = study.model_copy(update={"analysis": analysis})
         sessions = write_journals(folder / "sessions", people=4, study=study)
-        report_sessions(sessions, study, folder / "report", figure_files=False)
+        report_sessions(sessions, study, folder / "report", figure_files="none")
         return folder / "report"
     kind, options, make = TABLES[name]
     make().to_csv(folder / f"{name}.csv", index=False)
     write_note(folder / f"{name}.csv", analysis_of(kind).options(**options))
-    report_decisions(folder / f"{name}.csv", folder / "report", figure_files=False)
+    report_decisions(folder / f"{name}.csv", folder / "report", figure_files="none")
     return folder / "report"
 
 

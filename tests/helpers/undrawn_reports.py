@@ -18,10 +18,10 @@ def undrawn() -> Iterator[None]:
 
 
 @contextmanager
-def drawn_narrow() -> Iterator[None]:
-    """Draw each figure for one column of text alone, where others look at the wide ones."""
+def drawn_wide() -> Iterator[None]:
+    """Draw each figure for two columns of text alone, where others look at narrow ones."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(write_report, "_WIDTHS", {"narrow": write_report._WIDTHS["narrow"]})
+        patch.setattr(write_report, "_WIDTHS", {"wide": write_report._WIDTHS["wide"]})
         yield
 
 

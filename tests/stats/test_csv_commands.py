@@ -101,7 +101,7 @@ def test_psychometric_tells_thresholds_of_people_and_of_all(acuity, tmp_path):
     between = pd.read_csv(out / "tables" / "threshold_differences.csv")
     assert (between["first"] + " " + between["second"]).tolist() == ["blur plain"]
     assert between["upper"][0] < 0
-    assert (out / "figures" / "psychometric-1-column.pdf").stat().st_size > 2000
+    assert (out / "figures" / "psychometric-2-column.svg").stat().st_size > 2000
     noted = json.loads((out / "results.json").read_text())
     assert noted["results"]["thresholds"]["participants"] == 4
     assert "Thresholds (gauss functions of 4 participants" in " ".join(result.output.split())

@@ -11,7 +11,7 @@ import pytest
 from command_line import metamerlab
 from fixed_studies import TABLES, report_of
 from markupsafe import escape
-from undrawn_reports import drawn_narrow, undrawn
+from undrawn_reports import drawn_wide, undrawn
 
 from analysis.parts import Estimate, Part, Presentation, computed, estimates_of, with_added
 from analysis.plans.table_sections import TimeTableSection
@@ -256,7 +256,7 @@ def test_every_shipped_part_is_among_those_that_are_checked():
     [one if one == "ratings" else pytest.param(one, marks=pytest.mark.slow) for one in REPORTS],
 )
 def test_a_report_shows_all_of_each_part(name, tmp_path, write_journals):
-    with drawn_narrow():
+    with drawn_wide():
         folder = report_of(name, tmp_path, write_journals)
     check(folder, REPORTS[name], (folder / "report.html").read_text(encoding="utf-8"))
 
@@ -268,7 +268,7 @@ def test_a_command_of_one_table_prints_and_writes_all_of_its_part(words, tmp_pat
     TABLES[study][2]().to_csv(tmp_path / "rows.csv", index=False)
     command, *rest = words
     arguments = ["analysis", command, str(tmp_path / "rows.csv"), *rest]
-    with drawn_narrow():
+    with drawn_wide():
         done = metamerlab(*arguments, "--out", str(tmp_path / "out"), env={"COLUMNS": "200"})
 
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
@@ -277,7 +277,7 @@ def test_a_command_of_one_table_prints_and_writes_all_of_its_part(words, tmp_pat
         assert SAID[name].get("caption", "") in done.output
         assert SAID[name]["sentence"] in done.output
         figure = SAID[name].get("figure")
-        drawn = tmp_path / "out" / "figures" / f"{figure}-1-column.pdf"
+        drawn = tmp_path / "out" / "figures" / f"{figure}-2-column.svg"
         assert drawn.is_file() or not figure
 
 
@@ -285,7 +285,7 @@ def test_simulated_times_are_marked_on_terminal_page_and_figure(tmp_path):
     rows = TABLES["ratings"][2]().assign(simulated=1)
     rows.to_csv(tmp_path / "rows.csv", index=False)
     arguments = ["analysis", "reaction", str(tmp_path / "rows.csv"), "--out", str(tmp_path / "out")]
-    with drawn_narrow():
+    with drawn_wide():
         done = metamerlab(*arguments, env={"COLUMNS": "200"}, status=None)
 
     assert "108 reaction times of 6 participants · all together (SIMULATED)" in done.output

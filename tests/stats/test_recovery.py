@@ -53,7 +53,7 @@ def numbers(tmp_path_factory) -> dict[str, object]:
     )
     simulate_study(simulation, folder / "s", protocol.study.participants)
     with undrawn():
-        made = report_sessions(folder / "s", protocol, folder / "r", figure_files=False)
+        made = report_sessions(folder / "s", protocol, folder / "r", figure_files="none")
     loaded: dict[str, object] = json.loads(made.json.read_text())
     return loaded
 

@@ -115,7 +115,7 @@ def test_a_report_of_a_study_that_asks_for_it_keeps_its_column(load, tmp_path, t
     study, display = load(task)
     simulate_study(SimulatedStudy(study, display, seed=3), tmp_path / "out", 3)
     with undrawn():
-        made = report_sessions(tmp_path / "out", study, tmp_path / "report", figure_files=False)
+        made = report_sessions(tmp_path / "out", study, tmp_path / "report", figure_files="none")
     tables = made.html.parent / "tables"
     assert "confidence" in (tables / "decisions.csv").read_text().splitlines()[0].split(",")
     assert "Confidence in the answer, in steps" in (tables / "dictionary.csv").read_text()

@@ -139,7 +139,7 @@ def test_a_report_gives_the_numbers_it_gave(sessions, tmp_path):
     """
     with undrawn():
         made = report_sessions(
-            sessions.parent, load_protocol(Path("showcase")), tmp_path / "out", figure_files=False
+            sessions.parent, load_protocol(Path("showcase")), tmp_path / "out", figure_files="none"
         )
     old = json.loads(gzip.decompress((DATA / "results.json.gz").read_bytes()))
     new = json.loads(made.json.read_text(encoding="utf-8"))

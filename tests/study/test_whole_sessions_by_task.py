@@ -86,7 +86,7 @@ def test_a_whole_session_is_shown_recorded_and_analysed(tmp_path, name):
             check_levels(journal)
     check_tables(read_sessions(sessions, study), case)
     with undrawn():
-        report_sessions(sessions, study, tmp_path / "report", figure_files=False)
+        report_sessions(sessions, study, tmp_path / "report", figure_files="none")
     check_report(tmp_path / "report", case)
 
 

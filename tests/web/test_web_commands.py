@@ -230,7 +230,7 @@ def test_commands_say_which_session_went_on_at_another_refresh_rate(exported, la
     metamerlab("analysis", "tidy", sessions, *protocol, "--out", tmp_path / "tables")
     assert change in (tmp_path / "tables/sessions.csv").read_text()
     with undrawn():
-        report_sessions(sessions, study, tmp_path / "report", figure_files=False)
+        report_sessions(sessions, study, tmp_path / "report", figure_files="none")
     page = (tmp_path / "report/report.html").read_text(encoding="utf-8")
     assert f"Gone on at another refresh rate: short/W1 ({change})." in page
     bids = tmp_path / "bids"

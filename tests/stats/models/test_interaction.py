@@ -138,7 +138,7 @@ def imported(table, folder, *options):
         return made, {}, ""
     with undrawn():
         report = report_decisions(folder / "in" / "decisions.csv", folder / "out",
-                                  figure_files=False)  # fmt: skip
+                                  figure_files="none")  # fmt: skip
     return made, json.loads(report.json.read_text())["results"], report.html.read_text()
 
 

@@ -185,7 +185,7 @@ def test_the_command_tells_and_writes(rated, tmp_path):
     assert "405 ratings of 9 participants" in result.output
     assert "c was rated 0.94 SD above a (difference 0.94, 95% CI [" in result.output
     assert list(pd.read_csv(out / "tables" / "ratings.csv")["condition"]) == ["a", "b", "c"]
-    assert (out / "figures" / "ratings-1-column.pdf").is_file()
+    assert (out / "figures" / "ratings-2-column.svg").is_file()
 
 
 def test_the_command_takes_pairs(tmp_path):

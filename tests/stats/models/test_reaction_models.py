@@ -164,7 +164,7 @@ def test_a_report_models_times_where_the_study_asks_for_it(times, tmp_path, aske
     times.drop(columns="rating").to_csv(file, index=False)
     options = analysis_of("identification").options(by="cond", alternatives=2, reaction=asked)
     write_note(file, options)
-    made = report_decisions(file, tmp_path / "r", figure_files=False)
+    made = report_decisions(file, tmp_path / "r", figure_files="none")
     found = json.loads(made.json.read_text())["results"]["times"]
 
     page = made.html.read_text()

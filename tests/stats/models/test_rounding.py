@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from analysis.models.bootstrap import difference_limits
 from analysis.models.clustered import ClusteredEstimate, holm, participant_t, sign_flip_p, two_way
@@ -10,7 +11,7 @@ from analysis.models.contrasts import crossed_means_p, paired
 from analysis.models.curves.goodness_of_fit import _as_large
 from analysis.models.curves.psychometric_posterior import compare_thresholds, psychometric_posterior
 from analysis.models.mixed.inference import Draws
-from analysis.models.numeric import tied, zeroed
+from analysis.models.numeric import binomial_below, exact_binomial, tied, zeroed
 from analysis.models.trends import trend
 from analysis.power import first_reaching
 
@@ -131,3 +132,15 @@ def test_thresholds_of_the_same_answers_do_not_differ():
 def test_numbers_are_0_relative_to_their_scale():
     np.testing.assert_array_equal(zeroed(np.array([1e-8, 1.0, -1e-5]), 1e4), [0.0, 1.0, 0.0])
     np.testing.assert_array_equal(zeroed(np.array([1e-10, 1e-8])), [0.0, 1e-8])
+
+
+@pytest.mark.parametrize("chance", [0.5, 0.25, 1 / 3])
+@pytest.mark.parametrize(("count", "trials"), [(0, 7), (7, 7), (13, 20), (3, 400), (240, 400)])
+def test_exact_binomials_are_those_of_scipy(count, trials, chance):
+    known = stats.binomtest(count, trials, chance)
+    p, *ends = exact_binomial(count, trials, chance, 0.9)
+
+    assert p == pytest.approx(known.pvalue, rel=1e-9)
+    assert ends == pytest.approx(known.proportion_ci(0.9, "exact"), abs=1e-9)
+    below = stats.binom.cdf(count, trials, chance)
+    assert binomial_below(count, trials, chance) == pytest.approx(below, rel=1e-9)

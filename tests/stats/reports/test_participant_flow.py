@@ -168,7 +168,7 @@ def test_choices_are_counted_in_their_order_whatever_the_language(tidy):
 @pytest.mark.slow
 def test_the_report_shows_says_and_stores_the_flow(sessions, study, tmp_path):
     with undrawn():
-        report_sessions(sessions, study, tmp_path / "r", figure_files=False)
+        report_sessions(sessions, study, tmp_path / "r", figure_files="none")
     page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
     stored = json.loads((tmp_path / "r" / "results.json").read_text())["participants"]
     steps = pd.read_csv(tmp_path / "r" / "tables" / "participants.csv")

@@ -38,7 +38,7 @@ def both(tmp_path_factory, demo_protocol, write_journals):
     folder = tmp_path_factory.mktemp("both")
     write_journals(folder / "s", people=8, simulated=False, remote=(1, 3, 5, 7))
     with undrawn():
-        report_sessions(folder / "s", demo_protocol, folder / "r", figure_files=False)
+        report_sessions(folder / "s", demo_protocol, folder / "r", figure_files="none")
     return folder / "r"
 
 
@@ -78,7 +78,7 @@ def test_the_primary_result_is_compared_by_place_and_called_exploratory(
         (tmp_path / f"s/P{number + 1:02d}/journal.jsonl").unlink()
         (tmp_path / f"s/P{number + 1:02d}").rmdir()
     with undrawn():
-        report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files=False)
+        report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files="none")
     alone = read_results(tmp_path / "r/results.json").results["preferences"]["primary"]
     assert one["lab"]["value"] == pytest.approx(alone["share"])
 
@@ -89,7 +89,7 @@ def test_sessions_of_one_place_are_not_compared(demo_protocol, write_journals, t
         write_journals(tmp_path / name, simulated=False, remote=remote)
         with undrawn():
             report_sessions(
-                tmp_path / name, demo_protocol, tmp_path / name / "r", figure_files=False
+                tmp_path / name, demo_protocol, tmp_path / name / "r", figure_files="none"
             )
         numbers, page = said(tmp_path / name / "r")
         assert bool(numbers) == (name == "home")
@@ -117,7 +117,7 @@ def test_tables_with_the_column_remote_are_compared_by_place_too(name, tmp_path)
     rows.to_csv(tmp_path / "rows.csv", index=False)
     write_note(tmp_path / "rows.csv", analysis_of(kind).options(**options))
     with undrawn():
-        report_decisions(tmp_path / "rows.csv", tmp_path / "report", figure_files=False)
+        report_decisions(tmp_path / "rows.csv", tmp_path / "report", figure_files="none")
     numbers, page = said(tmp_path / "report")
     assert [one["name"] for one in numbers["places"]] == ["lab", "browser"]
     assert bool(numbers["differences"]) or "no comparison of places" in page
@@ -138,6 +138,6 @@ def test_who_took_part_at_both_places_is_named_and_nothing_is_compared(tmp_path)
     rows.to_csv(tmp_path / "rows.csv", index=False)
     write_note(tmp_path / "rows.csv", analysis_of("ratings").options(by="method"))
     with undrawn():
-        made = report_decisions(tmp_path / "rows.csv", tmp_path / "r", figure_files=False)
+        made = report_decisions(tmp_path / "rows.csv", tmp_path / "r", figure_files="none")
     assert any("took part at both" in note for note in made.warnings)
     assert json.loads(made.json.read_text())["results"]["places"]["differences"] == []

@@ -102,7 +102,7 @@ def odd_report(folder: Path, kind: str, rows: pd.DataFrame, **options: object) -
     rows.to_csv(folder / "odd.csv", index=False)
     write_note(folder / "odd.csv", analysis_of(kind).options(by='the "way"', **options))
     with undrawn():
-        report_decisions(folder / "odd.csv", folder / "report", figure_files=False)
+        report_decisions(folder / "odd.csv", folder / "report", figure_files="none")
     return folder / "report"
 
 
@@ -193,7 +193,7 @@ def test_odd_names_are_found_by_both_languages(tmp_path, capsys):
 def test_shares_of_six_scenes_are_repeated_with_their_clustered_t(make_decisions, tmp_path, capsys):
     make_decisions(people=8).to_csv(tmp_path / "six.csv", index=False)
     with undrawn():
-        report_decisions(tmp_path / "six.csv", tmp_path / "report", figure_files=False)
+        report_decisions(tmp_path / "six.csv", tmp_path / "report", figure_files="none")
 
     assert status(tmp_path / "report" / "scripts" / "choices.py") == 0
     assert capsys.readouterr().out.count(" t  ") == 6
@@ -215,7 +215,7 @@ def test_r_finds_errors_of_choices_where_people_and_scenes_differ(tmp_path):
     rows = rows.assign(first=first, second=second, chosen=chosen, size="all")
     rows.to_csv(tmp_path / "pair.csv", index=False)
     with undrawn():
-        report_decisions(tmp_path / "pair.csv", tmp_path / "report", figure_files=False)
+        report_decisions(tmp_path / "pair.csv", tmp_path / "report", figure_files="none")
     done = run_r(tmp_path / "report" / "scripts" / "choices.R")
 
     assert done.returncode == 0, done.stdout + done.stderr
@@ -271,7 +271,7 @@ def test_statsmodels_finds_limits_of_times_where_a_deviation_is_small(tmp_path, 
     rows.to_csv(tmp_path / "times.csv", index=False)
     write_note(tmp_path / "times.csv", analysis_of("reaction").options(by="method"))
     with undrawn():
-        report_decisions(tmp_path / "times.csv", tmp_path / "report", figure_files=False)
+        report_decisions(tmp_path / "times.csv", tmp_path / "report", figure_files="none")
 
     assert status(tmp_path / "report" / "scripts" / "times.py") == 0, capsys.readouterr().out
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from undrawn_reports import drawn_narrow, undrawn
+from undrawn_reports import drawn_wide, undrawn
 from well_formed import check_well_formed
 
 from analysis.report.report_source import TableSettings
@@ -27,7 +27,7 @@ def made(tmp_path_factory, demo_protocol, write_journals) -> Path:
     """A report of eight simulated sessions with a hostile free answer."""
     folder = tmp_path_factory.mktemp("report")
     write_journals(folder / "s", people=8, answer=HOSTILE)
-    report_sessions(folder / "s", demo_protocol, folder / "r", figure_files=False)
+    report_sessions(folder / "s", demo_protocol, folder / "r", figure_files="none")
     return folder
 
 
@@ -44,7 +44,7 @@ def numbers(made) -> dict[str, object]:
 
 @pytest.mark.slow
 def test_run_again_every_byte_is_the_same(made, demo_protocol):
-    report_sessions(made / "s", demo_protocol, made / "again", figure_files=False)
+    report_sessions(made / "s", demo_protocol, made / "again", figure_files="none")
 
     for name in ("report.html", "results.json", "tables/decisions.csv", "tables/preferences.csv"):
         assert (made / "again" / name).read_bytes() == (made / "r" / name).read_bytes(), name
@@ -84,8 +84,8 @@ def test_simulated_data_is_stamped_on_page_and_every_figure(html, numbers):
 @pytest.mark.slow
 def test_recorded_data_carries_no_stamp(tmp_path, demo_protocol, write_journals):
     write_journals(tmp_path / "s", people=4, simulated=False)
-    with drawn_narrow():
-        report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files=False)
+    with drawn_wide():
+        report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files="none")
 
     assert "SIMULATED" not in (tmp_path / "r" / "report.html").read_text().replace("DATA\n", "")
     assert json.loads((tmp_path / "r" / "results.json").read_text())["simulated"] is False
@@ -145,7 +145,7 @@ def test_rules_that_were_not_applied_to_a_table_left_nothing_out(made, demo_prot
     with undrawn():
         table = made / "r" / "tables" / "decisions.csv"
         found = report_decisions(
-            table, tmp_path / "out", table=TableSettings(demo_protocol), figure_files=False
+            table, tmp_path / "out", table=TableSettings(demo_protocol), figure_files="none"
         )
     assert any("were not applied" in note for note in found.warnings)
     assert "Rules fixed before data collection" not in found.content.methods
@@ -227,8 +227,8 @@ def test_degenerate_studies_give_flagged_reports(
     tmp_path, demo_protocol, write_journals, choose, people
 ):
     write_journals(tmp_path / "s", people=people, choose=choose)
-    with drawn_narrow():
-        report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files=False)
+    with drawn_wide():
+        report_sessions(tmp_path / "s", demo_protocol, tmp_path / "r", figure_files="none")
     html = (tmp_path / "r" / "report.html").read_text()
     numbers = json.loads((tmp_path / "r" / "results.json").read_text())
 
@@ -245,7 +245,7 @@ def test_an_imported_table_is_reported_without_a_protocol(tmp_path, make_decisio
     make_decisions(people=5, sizes=("all",)).to_csv(tmp_path / "old.csv", index=False)
 
     with undrawn():
-        made = report_decisions(tmp_path / "old.csv", tmp_path / "r", figure_files=False)
+        made = report_decisions(tmp_path / "old.csv", tmp_path / "r", figure_files="none")
 
     html = made.html.read_text()
     assert "imported table" in html
@@ -264,8 +264,8 @@ def odd_names(tmp_path_factory, make_decisions):
     rows["scene"] = "$x$ & " + rows["scene"]
     folder = tmp_path_factory.mktemp("odd-names")
     rows.to_csv(folder / "d.csv", index=False)
-    with drawn_narrow():
-        return report_decisions(folder / "d.csv", folder / "r", figure_files=False)
+    with drawn_wide():
+        return report_decisions(folder / "d.csv", folder / "r", figure_files="none")
 
 
 def test_hostile_names_in_a_table_are_shown_as_text(odd_names):
@@ -293,15 +293,21 @@ def test_a_protocol_given_for_a_table_must_know_its_methods(
 
 
 @pytest.mark.slow
-def test_figure_files_come_at_both_widths_in_three_formats(tmp_path, make_decisions):
+def test_figure_files_are_of_one_format_or_all(tmp_path, make_decisions):
     make_decisions(people=4, scenes=2, sizes=("all",)).to_csv(tmp_path / "d.csv", index=False)
-    report_decisions(tmp_path / "d.csv", tmp_path / "r")
-    names = {path.name for path in (tmp_path / "r" / "figures").iterdir()}
-
-    for figure in ("preference", "forest", "scale", "participants", "scenes", "bias", "reaction"):
-        for width in ("1-column", "2-column"):
-            for kind in ("svg", "pdf", "png"):
-                assert f"{figure}-{width}.{kind}" in names
+    drawn = {"preference", "forest", "scale", "participants", "scenes", "bias", "reaction"}
+    for files, widths, kinds in (
+        ("svg", ("2",), ("svg",)),
+        ("pdf", ("2",), ("pdf",)),
+        ("all", ("1", "2"), ("svg", "pdf", "png")),
+    ):
+        out = tmp_path / files
+        report_decisions(tmp_path / "d.csv", out, figure_files=files)
+        names = {path.name for path in (out / "figures").iterdir()}
+        assert drawn <= {name.split("-")[0] for name in names}
+        assert {name.split("-", 1)[1] for name in names} == {
+            f"{width}-column.{kind}" for width in widths for kind in kinds
+        }
 
 
 def test_apa_wording():

@@ -15,7 +15,7 @@ from command_line import result_of
 from made_up_trials import TaskDesign, simulate_abx, simulate_identification, simulate_yes_no
 from scipy import stats
 from study_texts import files_recipe, short_study
-from undrawn_reports import drawn_narrow, undrawn
+from undrawn_reports import drawn_wide, undrawn
 from well_formed import check_well_formed
 
 from analysis.export.write_export import export_study
@@ -192,7 +192,7 @@ def reported(request, tmp_path_factory) -> SimpleNamespace:
     protocol = protocol_of(TEXTS[request.param], folder)
     model = replace(default_model(protocol), strength={"reference": 0.8, "ours": 2.2})
     simulate_study(SimulatedStudy(protocol, load_display("fhd27-60hz"), 3, model), folder / "s", 6)
-    made = report_sessions(folder / "s", protocol, folder / "r", figure_files=False)
+    made = report_sessions(folder / "s", protocol, folder / "r", figure_files="none")
     return SimpleNamespace(
         task=request.param,
         protocol=protocol,
@@ -264,7 +264,7 @@ def test_tables_beside_the_page_hold_every_decision_and_what_columns_mean(report
 def test_run_again_every_number_is_the_same(reported, tmp_path):
     """Figures, too, come out the same: `test_report.py` and `test_plots.py` see to it."""
     with undrawn():
-        report_sessions(reported.sessions, reported.protocol, tmp_path / "r", figure_files=False)
+        report_sessions(reported.sessions, reported.protocol, tmp_path / "r", figure_files="none")
 
     for name in ("results.json", "tables/decisions.csv", "tables/rates.csv"):
         assert (tmp_path / "r" / name).read_bytes() == (reported.folder / name).read_bytes(), name
@@ -507,8 +507,8 @@ def test_odd_studies_give_reports_without_nonsense(tmp_path, kind, change):
     table = tmp_path / "t.csv"
     change(made[kind]()).to_csv(table, index=False)
     write_note(table, analysis_of(kind).options(**options[kind]))
-    with drawn_narrow():
-        html = report_decisions(table, tmp_path / "r", figure_files=False).html.read_text()
+    with drawn_wide():
+        html = report_decisions(table, tmp_path / "r", figure_files="none").html.read_text()
 
     assert "not to trust" in html
     visible = re.sub(r"<(style|svg).*?</\1>", "", html, flags=re.DOTALL)

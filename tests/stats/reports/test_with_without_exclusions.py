@@ -57,7 +57,7 @@ def test_both_columns_are_the_statistics_of_their_own_decisions(journals, strict
 @pytest.mark.slow
 def test_the_report_shows_them_and_results_hold_them(journals, strict, tmp_path):
     with undrawn():
-        made = report_sessions(journals, strict, tmp_path / "r", figure_files=False)
+        made = report_sessions(journals, strict, tmp_path / "r", figure_files="none")
     page = made.html.read_text()
     noted = json.loads(made.json.read_text())["without_exclusions"]
 
