@@ -398,7 +398,7 @@ def times_power(scale_down: int) -> list[TimesPower]:
             closed = test()[:, 0, 0] < 0.05
             tables = (simulation.table(answers.of(number, people)) for number in range(studies))
             models = (time_model(table, ("size",)) for table in tables)
-            model = np.array([one.ratios[0].ratio_p for one in models]) < 0.05
+            model = np.array([one.ratios[0].p for one in models]) < 0.05
             rates = [float(np.mean(each)) for each in (closed, model, closed == model)]
             rows.append(TimesPower(people, scenes, repeats, ratio, studies, *rates))
     return rows

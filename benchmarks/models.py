@@ -157,7 +157,7 @@ def times(design: Design, rng: np.random.Generator) -> Outcome:
     table, shift = _crossed(design, rng)
     table["rt_s"] = np.exp(shift + rng.normal(0.0, 0.35, shift.size))
     one = time_model(table, ("method",)).ratios[0]
-    return one.ratio_p, one.lower <= 1.0 <= one.upper
+    return one.p, one.lower <= 1.0 <= one.upper
 
 
 def ratings(design: Design, rng: np.random.Generator) -> Outcome:
@@ -166,7 +166,7 @@ def ratings(design: Design, rng: np.random.Generator) -> Outcome:
     latent = shift + rng.standard_normal(shift.size)
     table["rating"] = np.digitize(latent, [-1.2, -0.4, 0.4, 1.2])
     one = rating_model(table, ("method",)).contrasts[0]
-    return None if np.isnan(one.ratio_p) else (one.ratio_p, one.lower <= 0.0 <= one.upper)
+    return None if np.isnan(one.p) else (one.p, one.lower <= 0.0 <= one.upper)
 
 
 def graded(design: Design, rng: np.random.Generator) -> Outcome:
@@ -179,7 +179,7 @@ def graded(design: Design, rng: np.random.Generator) -> Outcome:
     table["first"], table["second"] = np.where(turned, ["b"], ["a"]), np.where(turned, "a", "b")
     table["rating"] = np.where(turned, -table["rating"], table["rating"])
     one = paired_ratings(table).contrasts[0]
-    return None if np.isnan(one.ratio_p) else (one.ratio_p, one.lower <= 0.0 <= one.upper)
+    return None if np.isnan(one.p) else (one.p, one.lower <= 0.0 <= one.upper)
 
 
 def right_answers(design: Design, rng: np.random.Generator) -> Outcome:
@@ -187,7 +187,7 @@ def right_answers(design: Design, rng: np.random.Generator) -> Outcome:
     table, shift = _crossed(design, rng)
     table["correct"] = (rng.random(shift.size) < expit(0.8 + shift)).astype(int)
     one = models_beside("logit(correct) ~ 1 + method", table).mixed.coefficients[1]
-    return one.p if one.ratio_p is None else one.ratio_p, one.lower <= 0.0 <= one.upper
+    return one.p, one.lower <= 0.0 <= one.upper
 
 
 def choices(design: Design, rng: np.random.Generator) -> Outcome:
@@ -199,7 +199,7 @@ def choices(design: Design, rng: np.random.Generator) -> Outcome:
     one = glmm_logit(
         "preferred ~ 1 + shown_first", table, groups=groups, between=True
     ).coefficients[0]
-    return one.p if one.ratio_p is None else one.ratio_p, one.lower <= 0.0 <= one.upper
+    return one.p, one.lower <= 0.0 <= one.upper
 
 
 def scales(design: Design, rng: np.random.Generator) -> Outcome:

@@ -238,13 +238,13 @@ def ratio_p(ratio: float, df: float) -> float:
     return float(two_sided_p(math.sqrt(ratio), df))
 
 
-def with_holm(values: Sequence[float]) -> list[tuple[float, float]]:
-    """Return each p with Holm's; NaN where there is none."""
+def holm_where_known(values: Sequence[float]) -> list[float]:
+    """Return Holm's p of each; NaN where there is none."""
     p = np.array(values)
-    adjusted = np.full(p.size, math.nan)
     known = np.isfinite(p)
+    adjusted = np.full(p.size, math.nan)
     adjusted[known] = holm(p[known]) if known.any() else ()
-    return list(zip(p.tolist(), adjusted.tolist(), strict=True))
+    return [float(one) for one in adjusted]
 
 
 def wald(

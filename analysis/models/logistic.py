@@ -13,15 +13,14 @@ from analysis.arrays import Floats, Ints
 from analysis.models.contrasts import Effect, between_df
 from analysis.models.curves.response import LOGIT, PROBIT, ResponseFunction
 from analysis.models.mixed.deviations import Deviation
-from analysis.models.mixed.formula import FormulaDesign, group_codes, well_scaled
+from analysis.models.mixed.formula import FormulaDesign, group_codes
 from analysis.models.mixed.glmm import (
     SINGULAR_SD,
     CrossedFit,
     crossed_deviations,
     fit_crossed,
-    reduced_ratio,
 )
-from analysis.models.mixed.inference import USUAL, Draws, Inference
+from analysis.models.mixed.inference import USUAL, Inference
 from analysis.models.mixed.logit import (
     cluster_covariance,
     firth_limits,
@@ -29,6 +28,7 @@ from analysis.models.mixed.logit import (
     likelihood_ratio_p,
     separated,
 )
+from analysis.models.mixed.profile import HeldContrast, ratio_test
 from analysis.models.numeric import two_sided_p, two_sided_quantile
 
 FEW_CLUSTERS = 10
@@ -46,13 +46,14 @@ class Coefficient:
     df : float or None
         Of t; None where the statistic is z.
     estimate, standard_error, statistic : float
-        The last is the first by the second. NaN, as all numbers of the row, where the trials do
-        not identify the term.
+        The last is the first by the second, or where `by_ratio` the root of the likelihood ratio
+        without this term. NaN, as all numbers of the row, where the trials do not identify the
+        term.
     p, lower, upper : float
-        Of t or z; under Firth's penalty of its profile likelihood.
-    ratio_p : float or None
-        Of a mixed model's likelihood ratio without this term: its root against t where there is
-        `df`, else the ratio against chi-square; or by parametric bootstrap.
+        Of t, z or parametric bootstrap; limits of a likelihood ratio are of the profile likelihood,
+        as p and limits under Firth's penalty are.
+    by_ratio : bool
+        A mixed model's likelihood ratio judges the term, and not Wald's statistic.
     """
 
     term: str
@@ -63,7 +64,7 @@ class Coefficient:
     p: float
     lower: float
     upper: float
-    ratio_p: float | None = None
+    by_ratio: bool = False
 
     @property
     def odds_ratio(self) -> float:
@@ -219,9 +220,9 @@ def glmm_logit(
     Notes
     -----
     Same likelihood as lme4 and glmmTMB; standard errors from its full second derivative, as
-    glmmTMB's. By z, with about ten participants, p are somewhat small. The likelihood ratio
-    stands beside (`Coefficient.ratio_p`). A term whose effect differs between people, in a model
-    without a random effect that says so, is found far too often.
+    glmmTMB's. Likelihood ratios judge terms, and limits are those of the profile likelihood. By
+    z, with about ten participants, p are somewhat small. A term whose effect differs between
+    people, in a model without a random effect that says so, is found far too often.
     """
     model = FormulaDesign.of(formula, trials, reference)
     if separated(model.scaled, model.y, np.ones_like(model.y)):
@@ -399,17 +400,15 @@ def _mixed(
         df = [between_df(own, effects, float(error) ** 2) for own, error in influence]
     table = _table(terms, back @ solution.beta, errors, df, inference.level)
     if solution.converged:
+        trial_groups = tuple(zip(codes, times, strict=True))
         table = tuple(
-            replace(
-                row,
-                ratio_p=_ratio_p(model, place, codes, times, solution, row.df, inference.draws),
-            )
-            for place, row in enumerate(table)
+            _by_ratio(row, own, model, trial_groups, solution, inference)
+            for row, own in zip(table, back, strict=True)
         )
     deviations: tuple[Deviation, ...] = ()
     if inference.profile and solution.converged:
         deviations = crossed_deviations(
-            solution, design, names, slopes=names[len(groups) :], level=inference.level
+            solution, names, slopes=names[len(groups) :], level=inference.level
         )
     random = _random_words(groups, names[len(groups) :])
     fit = ModelFit(
@@ -427,42 +426,48 @@ def _mixed(
     return _without(fit, model.hidden)
 
 
-def _ratio_p(
+def _by_ratio(
+    row: Coefficient,
+    weights: Floats,
     model: FormulaDesign,
-    place: int,
-    codes: Sequence[Ints],
-    times: Sequence[Floats | None],
+    groups: Sequence[tuple[Ints, Floats | None]],
     solution: CrossedFit,
-    df: float | None,
-    draws: Draws | None,
-) -> float | None:
-    """Return p of the likelihood ratio against the model without one coefficient.
+    inference: Inference,
+) -> Coefficient:
+    """Return a coefficient judged by its likelihood ratio; the intercept is by no bootstrap.
 
-    By bootstrap, answers are drawn from that model; the intercept has none.
+    Parameters
+    ----------
+    weights : ndarray (coefficients,)
+        Of the coefficients of `solution` in this one.
+    groups
+        Levels of each random effect, and what they are multiplied by.
     """
-    less = well_scaled(np.delete(model.design, place, axis=1))[0]
-    one, response = np.eye(len(model.terms))[place], solution.response
-    ratio, beta, deviations = reduced_ratio(solution, one, place, less)
-    if draws is None:
-        return float(two_sided_p(np.sqrt(ratio), np.inf if df is None else df))
-    if model.terms[place] == "Intercept":
-        return None
+    held, response, size = HeldContrast(solution.maximum, weights), solution.response, weights.size
+    _, point = held.ratio()
 
     def drawn(rng: np.random.Generator) -> float:
-        eta = less @ beta
-        for code, values, sd in zip(codes, times, deviations, strict=True):
+        eta = model.scaled @ point[:size]
+        for (code, values), sd in zip(groups, np.abs(point[size:]), strict=True):
             effect = sd * rng.standard_normal(int(code.max()) + 1)[code]
             eta = eta + (effect if values is None else values * effect)
         answers = (rng.random(eta.size) < response.share(eta, (0.0, 0.0))).astype(np.float64)
-        start = np.concatenate([np.insert(beta, place, 0.0), deviations])
+        codes, times = zip(*groups, strict=True)
         study = fit_crossed(
-            model.scaled, answers, codes, response=response, slopes=times, start=start
+            model.scaled, answers, codes, response=response, slopes=times, start=point
         )
-        if not study.converged:
-            return np.nan
-        return reduced_ratio(study, one, place, less)[0]
+        return HeldContrast(study.maximum, weights).ratio()[0] if study.converged else np.nan
 
-    return draws.p(ratio, drawn)
+    draws = None
+    if inference.draws is not None and row.term != "Intercept":
+        draws = inference.draws.ratios(drawn)
+    df = np.inf if row.df is None else row.df
+    found = ratio_test(
+        held, solution.log_likelihood, row.estimate, row.standard_error, df, inference.level, draws
+    )
+    return replace(
+        row, statistic=found.root, p=found.p, lower=found.lower, upper=found.upper, by_ratio=True
+    )
 
 
 def _firth(model: FormulaDesign, level: float) -> ModelFit:

@@ -17,18 +17,16 @@ from analysis.models.contrasts import (
     CrossedDesign,
     Difference,
     Pair,
-    absorbing,
-    equal,
+    holm_where_known,
     pairs_of,
-    ratio_p,
     unidentified,
     wald,
-    with_holm,
 )
 from analysis.models.mixed.deviations import Deviation
 from analysis.models.mixed.glmm import CountedTrials, LaplaceLikelihood, laplace_deviations
-from analysis.models.mixed.inference import USUAL, Draws, Inference
+from analysis.models.mixed.inference import USUAL, Inference
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
+from analysis.models.mixed.profile import HeldContrast, Maximum, ratio_test
 from analysis.models.numeric import chi_squared_p, slope_hessian, two_sided_quantile
 from analysis.models.right_answers import FEW_PARTICIPANTS
 from protocols.tasks.rates import name_of
@@ -85,6 +83,7 @@ class CumulativeFit:
     covariance: Floats
     log_likelihood: float
     converged: bool
+    maximum: Maximum
     deviations: tuple[Deviation, ...] = ()
 
 
@@ -111,8 +110,9 @@ class RatingDifference:
     """Difference of two conditions in ratings, first minus second; p tests that there is none.
 
     `superiority` is the chance that the same person rates the first higher at one showing of
-    each, on the latent axis, where nothing ties. `ratio_p` is of the likelihood ratio against
-    equal conditions, by the same t or by bootstrap. What the ratings do not identify is NaN.
+    each, on the latent axis, where nothing ties. p is of the likelihood ratio against equal
+    conditions, whose signed root is `t`, by t or by bootstrap; limits are those of the profile
+    likelihood. What the ratings do not identify is NaN.
     """
 
     first: str
@@ -126,8 +126,6 @@ class RatingDifference:
     p_adjusted: float
     superiority: float
     t: float
-    ratio_p: float = math.nan
-    ratio_p_adjusted: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -225,7 +223,6 @@ def fit_cumulative(
     *,
     link: OrdinalLink = "probit",
     level: float | None = None,
-    starts: Sequence[Floats] = (),
     errors: bool = True,
 ) -> CumulativeFit:
     """Maximise the Laplace likelihood of a cumulative-link mixed model.
@@ -240,8 +237,6 @@ def fit_cumulative(
         Each random effect's levels in each row.
     level : float, optional
         Coverage of profile limits of the deviations; left out, there are none.
-    starts : sequence of ndarray (theta, then beta, then sd)
-        Where searches begin, of which the best counts; left out, at the conditions' shares.
     errors : bool
         Without them a fit is quick, and enough for a likelihood ratio.
 
@@ -262,18 +257,16 @@ def fit_cumulative(
     model = LaplaceLikelihood(design, counted, OrderedLaw(link))
     share = np.cumsum(np.bincount(y)[:top]) / y.size
     first = ndtri(share) if link == "probit" else np.log(share / (1.0 - share))
-    start = np.concatenate([first, np.zeros(coefficients), np.full(len(effects), START_SD)])
-    gradient = 1e-5 if errors else 1e-3
-    tried = []
-    for one in starts or [start]:
-        theta, rest = one[:top], one[top:]
-        gaps = np.log(np.maximum(np.diff(theta), 1e-3))
-        begin = np.concatenate([rest, theta[:1], gaps])
-        options = {"gtol": gradient, "hess_inv0": model.rough_covariance(begin)}
-        tried.append(
-            scipy.optimize.minimize(model, begin, jac=True, method="BFGS", options=options)
-        )
-    found = min(tried, key=lambda one: float(one.fun))
+    begin = np.concatenate(
+        [
+            np.zeros(coefficients),
+            np.full(len(effects), START_SD),
+            first[:1],
+            np.log(np.maximum(np.diff(first), 1e-3)),
+        ]
+    )
+    options = {"gtol": 1e-5 if errors else 1e-3, "hess_inv0": model.rough_covariance(begin)}
+    found = scipy.optimize.minimize(model, begin, jac=True, method="BFGS", options=options)
     beta, sd, free = np.split(found.x, cut)
     theta, sd = model.response.rates(free)[1:-1], np.abs(sd)
     by_name = {
@@ -281,7 +274,8 @@ def fit_cumulative(
         for name, value in zip(effects, sd, strict=True)
     }
     if not errors:
-        return CumulativeFit(theta, beta, by_name, np.eye(found.x.size), -float(found.fun), True)
+        maximum = Maximum(model, found.x, found.hess_inv, range(*cut))
+        return CumulativeFit(theta, beta, by_name, found.hess_inv, -float(found.fun), True, maximum)
     point, natural = np.concatenate([beta, sd, free]), np.concatenate([beta, sd, theta])
     # From the free numbers to thresholds: each gap moves all that lie above it.
     turn = np.eye(natural.size)
@@ -298,20 +292,20 @@ def fit_cumulative(
         covariance = np.asarray(np.linalg.pinv(hessian, hermitian=True), dtype=np.float64)
         if not proper or float(np.diag(covariance)[fixed].min()) <= 0.0:
             covariance[np.ix_(fixed, fixed)] = axes / np.maximum(curvature, FLAT) @ axes.T
+    maximum = Maximum(model, point, back @ covariance @ back.T, range(*cut))
     deviations: tuple[Deviation, ...] = ()
     if level is not None and proper:
         sds = dict(zip(effects, sd.tolist(), strict=True))
-        deviations = laplace_deviations(
-            model, point, back @ covariance @ back.T, sds, link=link, level=level
-        )
+        deviations = laplace_deviations(maximum, sds, model.effects.count, link=link, level=level)
     in_order = np.concatenate([np.arange(cut[1], natural.size), np.arange(cut[1])])
     return CumulativeFit(
         theta=theta,
         beta=beta,
         sd=by_name,
         covariance=covariance[np.ix_(in_order, in_order)],
-        log_likelihood=-model(point)[0],
+        log_likelihood=maximum.log_likelihood,
         converged=proper,
+        maximum=maximum,
         deviations=deviations,
     )
 
@@ -348,8 +342,9 @@ def rating_model(
     Notes
     -----
     Random are participants, scenes where there are several, and the deviations of both in a
-    condition (left out where each has one rating of it: these cannot tell it from chance). Limits
-    and tests: Wald's, by t with degrees of freedom between those of participants and of scenes
+    condition (left out where each has one rating of it: these cannot tell it from chance).
+    Differences have limits of the profile likelihood, and p of the likelihood ratio's root; places
+    have Wald's limits; all by t with degrees of freedom between those of participants and of scenes
     (`contrasts.CrossedDesign`). Categories nobody chose have no thresholds of their own, and keep
     their number in means.
     """
@@ -482,58 +477,54 @@ class _Trials:
         )  # fmt: skip
 
 
-def _ratio(
-    trials: _Trials, fit: CumulativeFit, pair: tuple[int, int]
-) -> tuple[float, CumulativeFit]:
-    """Return the likelihood ratio of two equal conditions, and the model where they are one."""
-    places = np.concatenate([[0.0], fit.beta])
-    first, second = sorted(pair)
-    sds = absorbing(fit.sd, float(places[second] - places[first]))
-    # Together they lie halfway; the zero is the first condition's place.
-    halfway = 0.5 * (places[first] + places[second])
-    moved = halfway * (first == 0)
-    places[first] = halfway
-    rest, theta = np.delete(places - moved, second)[1:], fit.theta - moved
-    less = fit_cumulative(
-        equal(trials.conditions, pair)[:, 1:],
-        trials.y,
-        trials.effects,
-        link=trials.link,
-        starts=[np.concatenate([theta, rest, [*sd.values()]]) for sd in sds],
-        errors=False,
-    )
-    return max(0.0, 2.0 * (fit.log_likelihood - less.log_likelihood)), less
+def _rating_difference(
+    trials: _Trials, fit: CumulativeFit, gap: Difference, weights: Floats, inference: Inference
+) -> RatingDifference:
+    """Return a difference, judged by t or by drawing ratings from the model where it is 0.
 
+    Wald's p and limits stay where the likelihood has no proper maximum; what ratings do not
+    identify has no numbers.
 
-def _ratio_p(
-    trials: _Trials,
-    fit: CumulativeFit,
-    pair: tuple[int, int],
-    df: float,
-    draws: Draws | None,
-) -> float:
-    """Return p of that ratio, by t or by drawing ratings from the model where they are one."""
-    observed, less = _ratio(trials, fit, pair)
-    if draws is None:
-        return ratio_p(observed, df)
-    fixed = equal(trials.conditions, pair)[:, 1:] @ less.beta
+    Parameters
+    ----------
+    weights : ndarray (conditions - 1,)
+        Of the coefficients in the difference.
+    """
+    if not _told(gap.difference, gap.standard_error):
+        gap = unidentified(gap)
+    higher = superiority(gap.difference, trials.link)
+    plain = RatingDifference(
+        gap.first, gap.second, gap.difference, gap.lower, gap.upper, gap.level, gap.df, gap.p,
+        gap.p_adjusted, higher, gap.t,
+    )  # fmt: skip
+    if math.isnan(gap.difference):
+        return plain
+    held = HeldContrast(fit.maximum, weights)
 
     def drawn(rng: np.random.Generator) -> float:
         rows, link = trials.y.size, trials.link
         noise = rng.standard_normal(rows) if link == "probit" else rng.logistic(size=rows)
-        latent = fixed + noise
-        for name, effect in trials.effects.items():
-            latent += effect.drawn(less.sd[name], rng)
-        steps, given = np.unique(np.digitize(latent, less.theta), return_inverse=True)
+        latent = trials.conditions[:, 1:] @ beta + noise
+        for effect, own in zip(trials.effects.values(), sd, strict=True):
+            latent += effect.drawn(abs(float(own)), rng)
+        steps, given = np.unique(np.digitize(latent, theta), return_inverse=True)
         if steps.size < 2:
             return math.nan
-        study = replace(trials, y=given.ravel())
-        whole = fit_cumulative(
-            trials.conditions[:, 1:], study.y, trials.effects, link=link, errors=False
+        study = fit_cumulative(
+            trials.conditions[:, 1:], given.ravel(), trials.effects, link=link, errors=False
         )
-        return _ratio(study, whole, pair)[0]
+        return HeldContrast(study.maximum, weights).ratio()[0]
 
-    return draws.p(observed, drawn)
+    draws = None
+    if inference.draws is not None:
+        less = held.ratio()[1]
+        beta, sd, free = np.split(less, np.cumsum([fit.beta.size, len(trials.effects)]))
+        theta = OrderedLaw(trials.link).rates(free)[1:-1]
+        draws = inference.draws.ratios(drawn)
+    found = ratio_test(
+        held, fit.log_likelihood, gap.difference, gap.standard_error, gap.df, inference.level, draws
+    )
+    return replace(plain, p=found.p, lower=found.lower, upper=found.upper, t=found.root)
 
 
 def _model(
@@ -546,19 +537,14 @@ def _model(
     inference: Inference,
 ) -> RatingModel:
     names, level = list(trials.given), inference.level
-    gaps = [
-        gap if _told(gap.difference, gap.standard_error) else unidentified(gap)
+    units = np.eye(len(names))
+    tested = [
+        _rating_difference(
+            trials, fit, gap, (units[names.index(gap.first)] - units[names.index(gap.second)])[1:],
+            inference,
+        )
         for gap in wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
-    ]
-    tested = with_holm(
-        [
-            _ratio_p(trials, fit, (names.index(gap.first), names.index(gap.second)), gap.df,
-                     inference.draws)
-            if fit.converged and math.isfinite(gap.difference)
-            else math.nan
-            for gap in gaps
-        ]
-    )  # fmt: skip
+    ]  # fmt: skip
     errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
     located = np.concatenate([fit.theta, fit.beta])
     return RatingModel(
@@ -570,8 +556,8 @@ def _model(
         ),
         conditions=_rated(trials, fit, crossed, level),
         contrasts=tuple(
-            _rating_difference(gap, superiority(gap.difference, trials.link), *ratio)
-            for gap, ratio in zip(gaps, tested, strict=True)
+            replace(one, p_adjusted=own)
+            for one, own in zip(tested, holm_where_known([one.p for one in tested]), strict=True)
         ),
         sd=fit.sd,
         log_likelihood=fit.log_likelihood,
@@ -589,15 +575,6 @@ def _model(
             level=level,
             asked=asked or {},
         ),
-    )
-
-
-def _rating_difference(
-    gap: Difference, higher: float, own: float, together: float
-) -> RatingDifference:
-    value = gap.first, gap.second, gap.difference, gap.lower, gap.upper, gap.level
-    return RatingDifference(
-        *value, gap.df, gap.p, gap.p_adjusted, higher, gap.t, ratio_p=own, ratio_p_adjusted=together
     )
 
 

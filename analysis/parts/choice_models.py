@@ -19,7 +19,7 @@ from analysis.parts.shared import GroupedRow, group_rows, sd_text
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.repeat import scripts
 from analysis.report.result_table import ResultColumn, ResultTable, attribute, p_value
-from analysis.report.wording import NONE, NOT_IDENTIFIED, big, number, p_number, p_text, t_text
+from analysis.report.wording import NONE, NOT_IDENTIFIED, big, number, p_text, t_text
 from protocols.blocks import Block, Cautions, Paragraph, grouped
 
 LARGEST_LOG = 700.0
@@ -117,10 +117,9 @@ def _sentences(found: ChoiceModels, plan: PreferencePlan) -> Iterator[str]:
         spread = ", ".join(f"SD({name}) = {value:.2f}" for name, value in fit.random_sd.items())
         yield (
             f"{about}: b = {number(row.estimate)}, "
-            + ("" if row.ratio_p is None else f"likelihood ratio {p_text(row.ratio_p)}; ")
             + f"SE = {number(row.standard_error)}, {t_text(row.statistic, row.df)}, {p_text(row.p)}"
             + (f"; {spread}" if spread else "")
-            + f" ({fit.method})."
+            + f" ({'likelihood ratio; ' * row.by_ratio}{fit.method})."
         )
 
 
@@ -149,7 +148,6 @@ def _pairs(found: ChoiceModels, plan: PreferencePlan) -> ResultTable[PairRow]:
             fitted,
         ),
         attribute("b", "entry.estimate"),
-        attribute("LR p", "entry.ratio_p", p_number, "strong n"),
         attribute("SE", "entry.standard_error"),
         ResultColumn(
             "Statistic",

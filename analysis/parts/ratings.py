@@ -30,7 +30,6 @@ from analysis.parts.shared import (
     between,
     compared,
     decides,
-    decisive,
     mean_differences_p,
     pairs_in,
     ratio_told,
@@ -40,7 +39,6 @@ from analysis.plans.rating_plan import RatingPlan
 from analysis.plots.tasks import ratings_plot
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.result_table import (
-    RATIOS,
     T_DF,
     TESTED,
     ResultColumn,
@@ -161,7 +159,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
         """Return places, comparisons, people, and the clearest comparison before all."""
         model, pairs = found.model, not plan.by
         places, holm = _places(model, plan), plan.correction == "holm"
-        own = [decisive(one, adjusted=False) for one in model.contrasts]
+        own = [one.p for one in model.contrasts]
         first = model.contrasts[min(range(len(own)), key=lambda k: (math.isnan(own[k]), own[k]))]
         count = sum(decides(one, plan) < plan.alpha for one in model.contrasts)
         differ = f"{count} of {len(own)} comparisons differ"
@@ -207,6 +205,7 @@ def _family(count: int, plan: RatingPlan) -> FamilyOfTests:
 
 def apa_rating(one: RatingDifference, model: RatingModel, draws: int = 0) -> str:
     """Return a sentence on how much higher one condition is rated."""
+    law = f"likelihood ratio, cumulative {model.link} mixed model"
     if math.isnan(one.difference):
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     apart = by_how_much(one, one.difference, _unit(model), ("above", "below"))
@@ -214,8 +213,8 @@ def apa_rating(one: RatingDifference, model: RatingModel, draws: int = 0) -> str
         f"{one.first} was rated {apart} {one.second} (difference"
         f" {placed(one, one.difference)}, {level_text(one.level)}"
         f" {number_range(one.lower, one.upper)}),"
-        f" {apa_test(one, f'cumulative {model.link} mixed model', draws)}; one showing of it"
-        f" is rated higher with a chance of {leading(f'{one.superiority:.2f}')}."
+        f" {apa_test(one, law, draws)}; one showing of it is rated higher with a chance of"
+        f" {leading(f'{one.superiority:.2f}')}."
     )
 
 
@@ -234,8 +233,8 @@ def _methods(found: RatingResults, plan: RatingPlan) -> str:
     return (
         f"Answers are {kind} on {len(model.categories)} categories, analysed by a cumulative-link"
         f" mixed model ({model.link}; McCullagh, 1980; Laplace approximation), random over"
-        f" {', '.join(model.sd)}. Differences were tested by likelihood ratios, beside Wald's"
-        f" statistics and limits, with {law} degrees of freedom, two-sided, alpha ="
+        f" {', '.join(model.sd)}. Differences have p and limits by likelihood ratios,"
+        f" whose roots are {law} degrees of freedom, two-sided, alpha ="
         f" {leading(f'{plan.alpha:g}')}{over}."
     )
 
@@ -276,7 +275,6 @@ def _blocks(
         compared(plan),
         estimated(f"Difference, {unit}", "difference"),
         limits(plan.limits),
-        *RATIOS,
         T_DF,
         *TESTED[1:],
         attribute("Rated higher", "superiority", share),

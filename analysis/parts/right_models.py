@@ -43,7 +43,6 @@ from analysis.report.wording import (
     big,
     law,
     number,
-    p_number,
     p_text,
     share,
     share_range,
@@ -123,9 +122,9 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
                     f" {' and '.join(groups)}; the third has"
                     f" {'them ' * (len(groups) > 1)}{random} random intercepts and lets effects"
                     f" differ between them ({law_of_mixed(scenes=len(groups) > 1)}), and so speaks"
-                    f" of the typical {groups[0]}. LR p: of its likelihood ratio without the term"
-                    f"{bootstrapped(plan.bootstrap_draws)}; it errs less often than p of Wald's"
-                    " statistic.",
+                    f" of the typical {groups[0]}. Its statistic is the root of the"
+                    f" likelihood ratio without the term{bootstrapped(plan.bootstrap_draws)}, which"
+                    " errs less often than Wald's.",
                     muted=True,
                 ),
                 *means_table(
@@ -177,7 +176,6 @@ def _terms(found: RightModels) -> ResultTable[GroupedRow[tuple[str, ModelFit], C
         ),
         attribute("Term", "entry.term", str, "l"),
         attribute("b", "entry.estimate", _of_three),
-        attribute("LR p", "entry.ratio_p", p_number, "strong n"),
         attribute("SE", "entry.standard_error", _of_three),
         attribute("Statistic", "entry.statistic"),
         ResultColumn("Law", "", lambda row: law(row.entry.df, row.entry.statistic)),
@@ -263,9 +261,8 @@ def apa_term(fit: ModelFit, term: str, draws: int = 0) -> str:
     row = fit[term]
     if np.isnan(row.estimate):
         return f"{term}: {NOT_IDENTIFIED} ({fit.method})."
-    law = bootstrapped(draws)
-    ratio = "" if row.ratio_p is None else f"likelihood ratio {p_text(row.ratio_p)}{law}; "
+    ratio = f"likelihood ratio{bootstrapped(draws)}; " * row.by_ratio
     return (
-        f"{term}: b = {number(row.estimate, 3)}, {ratio}SE = {number(row.standard_error, 3)},"
-        f" {t_text(row.statistic, row.df)}, {p_text(row.p)} ({fit.method})."
+        f"{term}: b = {number(row.estimate, 3)}, SE = {number(row.standard_error, 3)},"
+        f" {t_text(row.statistic, row.df)}, {p_text(row.p)} ({ratio}{fit.method})."
     )

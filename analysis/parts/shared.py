@@ -1,6 +1,5 @@
 """Helpers that parts share: columns of tables, and ends of sentences."""
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeAlias, TypeVar
@@ -63,39 +62,27 @@ def between(one: Comparison, plan: AnalysisPlan, sign: str = "-") -> str:
     return f"{plan.label(one.first)} {sign} {plan.label(one.second)}"
 
 
-def decisive(one: Comparison, *, adjusted: bool = True) -> float:
-    """Return the p that decides: of the likelihood ratio where there is one, else of t."""
-    if isinstance(one, RatingDifference | TimeRatio) and not math.isnan(one.ratio_p):
-        return one.ratio_p_adjusted if adjusted else one.ratio_p
-    return one.p_adjusted if adjusted else one.p
-
-
 def decides(one: Comparison, plan: RatePlan | RatingPlan) -> float:
-    """Return that p, adjusted where the plan asks for it."""
-    return decisive(one, adjusted=plan.correction == "holm")
+    """Return the p that decides: adjusted where the plan asks for it."""
+    return one.p_adjusted if plan.correction == "holm" else one.p
 
 
 def ratio_told(plan: AnalysisPlan) -> str:
     """Return the meaning of likelihood ratios of a mixed model, for a paragraph below a table."""
-    draws = plan.bootstrap_draws
-    law = f"by parametric bootstrap ({draws} draws)" if draws else "by the same t"
     return (
-        f"LR p: of the likelihood ratio against equal conditions, {law}; it decides. p: of Wald's"
-        " statistic, which goes with the limits."
+        "p and limits: of the likelihood ratio against each value of the difference"
+        f"{bootstrapped(plan.bootstrap_draws) or ', whose root is judged by t'}."
     )
 
 
 def apa_test(one: Comparison, more: str = "", draws: int = 0) -> str:
     """Return a test for a sentence: ``t(5) = 2.31, p = .069 (.138 Holm-adjusted; more)``.
 
-    The likelihood ratio of a mixed model comes first; `draws` are those of its bootstrap.
+    By a bootstrap of `draws` the likelihood ratio takes the place of its root, which t judges.
     """
-    ratio = ""
-    if isinstance(one, RatingDifference | TimeRatio) and not math.isnan(one.ratio_p):
-        also = adjusted(one.ratio_p, one.ratio_p_adjusted, bootstrapped(draws).removeprefix("; "))
-        ratio = f"likelihood ratio {p_text(one.ratio_p)}{also}; "
-    also = adjusted(one.p, one.p_adjusted, more)
-    return f"{ratio}{t_text(one.t, one.df)}, {p_text(one.p)}{also}"
+    also = adjusted(one.p, one.p_adjusted, more + bootstrapped(draws))
+    judged = f"likelihood ratio {number(one.t**2)}" if draws else t_text(one.t, one.df)
+    return f"{judged}, {p_text(one.p)}{also}"
 
 
 def adjusted(p: float, p_adjusted: float, more: str = "") -> str:

@@ -31,7 +31,6 @@ from analysis.parts.shared import (
 from analysis.plots import reaction_plot
 from analysis.repeat import scripts
 from analysis.report.result_table import (
-    RATIOS,
     TESTED,
     ResultColumn,
     ResultTable,
@@ -49,6 +48,8 @@ from analysis.report.wording import (
 )
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Cautions, FigurePlace, Paragraph
+
+_LAW = "likelihood ratio, log-normal mixed model"
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,6 @@ def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
             compared(plan, "/"),
             estimated("Ratio", "ratio"),
             limits(plan.limits),
-            *RATIOS,
             *TESTED,
         ).block()
     yield from contrasts_table(model.margins, plan, "ratio of times", exponent)
@@ -217,7 +217,7 @@ def _sentences(found: Times, plan: AnalysisPlan) -> Iterator[str]:
         yield (
             f"Answers to {first} took {placed(ratio, ratio.ratio)} times as long as those to"
             f" {second}, {level_text(ratio.level)} {number_range(ratio.lower, ratio.upper)},"
-            f" {apa_test(ratio, 'log-normal mixed model', plan.bootstrap_draws)}."
+            f" {apa_test(ratio, _LAW, plan.bootstrap_draws)}."
         )
     if found.model:
         unit = "times as long"
@@ -232,8 +232,9 @@ def _methods(found: Times) -> Iterator[str]:
     if found.model is not None:
         yield (
             "Their logarithms were also fitted by a linear mixed model (REML), random over"
-            f" {', '.join(_deviations(found.model))}; likelihood ratios (maximum likelihood) and"
-            f" Wald's tests are {law_of_mixed(scenes=found.model.scenes > 1)}"
+            f" {', '.join(_deviations(found.model))}; ratios are judged, and have limits, by"
+            " likelihood ratios (maximum likelihood), whose roots are"
+            f" {law_of_mixed(scenes=found.model.scenes > 1)}"
             f"{', Holm-adjusted' * (len(found.model.ratios) > 1)}."
         )
 

@@ -115,8 +115,6 @@ DF = ResultColumn[JudgedByT]("df", "", lambda row: df_text(row.df, row.t), "df")
 T_DF = ResultColumn[JudgedByT]("t(df)", "n", lambda row: t_number(row.t, row.df), "t df")
 TESTED = DF, P_VALUE, P_ADJUSTED
 """Degrees of freedom and p of a comparison."""
-RATIOS = p_value("LR p", "ratio_p"), p_value("LR p adj.", "ratio_p_adjusted")
-"""Likelihood ratios of a comparison by a mixed model, which stand before Wald's statistic."""
 
 
 def estimated(title: str, name: str, style: str = "strong") -> ResultColumn[IntervalEstimate]:

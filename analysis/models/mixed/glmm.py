@@ -1,6 +1,6 @@
 """Models of trials with crossed random effects, fitted by the Laplace approximation."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic
 
@@ -12,15 +12,12 @@ from scipy.special import expit
 from analysis.arrays import Floats, Ints
 from analysis.models.curves.response import LOGIT, AnswerLaw, R, ResponseFunction, steep_prior
 from analysis.models.mixed.arrow_matrix import Arrow, N, RandomEffects
-from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, FittedEffects, held_maximum
+from analysis.models.mixed.deviations import LATENT_VARIANCE, Deviation, FittedEffects
 from analysis.models.mixed.logit import fit_logit
+from analysis.models.mixed.profile import Maximum, held_maximum
 from analysis.models.numeric import newton_polish
 
 START_SD = 0.5
-LEAST_START_SD = 0.1
-
-CLEARLY_NOTHING = 1.0
-"""A likelihood ratio below is p > .31, and no better search would make it smaller evidence."""
 
 LARGEST_SD = 8.0
 """Logits; a fit beyond has run away."""
@@ -48,8 +45,7 @@ class CrossedFit:
 
     `covariance` is of beta, then sd, then the logits of fitted rates. `random` holds the mode of
     each factor's effects, in units of eta. `converged` is False where the likelihood has no
-    proper maximum: deviations run off to infinity when nearly everyone always answers alike. What
-    it was fitted with, `response` and `counted`, says how a smaller model is.
+    proper maximum: deviations run off to infinity when nearly everyone always answers alike.
     """
 
     beta: Floats
@@ -62,7 +58,7 @@ class CrossedFit:
     lapse: float
     random: tuple[Floats, ...]
     response: ResponseFunction = field(repr=False)
-    counted: "CountedTrials" = field(repr=False)
+    maximum: Maximum = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -181,41 +177,30 @@ def fit_crossed(
         lapse=lapse,
         random=model.effects.by_factor(model.effects.scale(sd) * model.mode),
         response=response,
-        counted=counted,
+        maximum=Maximum(model, point, covariance, range(coefficients, coefficients + factors)),
     )
 
 
 def crossed_deviations(
-    fit: CrossedFit,
-    design: Floats,
-    names: Sequence[str],
-    *,
-    slopes: Sequence[str] = (),
-    level: float = 0.95,
+    fit: CrossedFit, names: Sequence[str], *, slopes: Sequence[str] = (), level: float = 0.95
 ) -> tuple[Deviation, ...]:
     """Return the deviations of a fit with profile limits and shares of variance.
 
     Parameters
     ----------
-    design
-        As of the fit.
     names : sequence of str
         Of its random effects; `slopes` are those that are no intercepts.
     """
-    model = LaplaceLikelihood(design, fit.counted, fit.response)
-    point = np.concatenate([fit.beta, fit.sd, fit.response.start()])
     sds = dict(zip(names, fit.sd.tolist(), strict=True))
     link = fit.response.link
-    return laplace_deviations(
-        model, point, fit.covariance, sds, link=link, slopes=slopes, level=level
-    )
+    effects = sum(own.size for own in fit.random)
+    return laplace_deviations(fit.maximum, sds, effects, link=link, slopes=slopes, level=level)
 
 
 def laplace_deviations(
-    model: "LaplaceLikelihood[Any]",
-    point: Floats,
-    covariance: Floats,
+    maximum: Maximum,
     sds: Mapping[str, float],
+    effects: int,
     *,
     link: str,
     slopes: Sequence[str] = (),
@@ -225,55 +210,26 @@ def laplace_deviations(
 
     Parameters
     ----------
-    point, covariance
-        Of all parameters, at the maximum.
     sds : mapping of name to deviation
+    effects : int
+        Number of their levels together.
     link : key of `LATENT_VARIANCE`
     """
-    first = model.design.shape[1]
-    errors = np.sqrt(np.diag(covariance).clip(min=0.0))
+    errors = np.sqrt(np.diag(maximum.covariance).clip(min=0.0))
+    units = np.eye(errors.size)[maximum.deviations]
+
+    def held(number: int, sd: float) -> float:
+        return held_maximum(maximum.cost, maximum.point, maximum.covariance, units[number], sd)[0]
+
     return FittedEffects(
         sd=sds,
-        errors=errors[first : first + len(sds)],
-        held=lambda number, sd: held_maximum(model, point, covariance, first + number, sd),
-        best=-model.solved(point).value,
-        effects=model.effects.count,
+        errors=errors[maximum.deviations],
+        held=held,
+        best=maximum.log_likelihood,
+        effects=effects,
         rest=LATENT_VARIANCE[link],
         slopes=slopes,
     ).deviations(level)
-
-
-def reduced_ratio(
-    fit: CrossedFit, contrast: Floats, dropped: int, design: Floats
-) -> tuple[float, Floats, Floats]:
-    """Return the likelihood ratio of `fit` and of the same model where a contrast is 0.
-
-    Beside it that model's coefficients and deviations.
-
-    Parameters
-    ----------
-    contrast : ndarray (coefficients,)
-    dropped : int
-        The coefficient that `design`, the one of the smaller model, no longer has.
-    """
-    theta = np.concatenate([fit.beta, fit.sd, fit.response.start()])
-    along = np.concatenate([contrast, np.zeros(theta.size - contrast.size)])
-    # The search begins where the larger model's second derivative expects the end.
-    moved = fit.covariance @ along
-    start = theta - moved * (along @ theta) / (along @ moved)
-    rough = fit.covariance - np.outer(moved, moved) / (along @ moved)
-    keep = np.arange(theta.size) != dropped
-    rough = rough[np.ix_(keep, keep)] + ROUGH_RIDGE**2 * ROUGH_VARIANCE * np.eye(theta.size - 1)
-    found: list[tuple[float, Floats]] = []
-    for begin in _absorbed(start, fit, abs(float(along @ theta))):
-        model = LaplaceLikelihood(design, fit.counted, fit.response)
-        less = _found(model, begin[keep], 0.5 * (rough + rough.T))
-        found.append((-model(less)[0], less))
-        best, point = max(found, key=lambda one: one[0])
-        if 2.0 * (fit.log_likelihood - best) < CLEARLY_NOTHING:
-            break
-    beta, sd, _ = np.split(point, np.cumsum([fit.beta.size - 1, fit.sd.size]))
-    return max(0.0, 2.0 * (fit.log_likelihood - best)), beta, np.abs(sd)
 
 
 def _found(model: "LaplaceLikelihood[Any]", start: Floats, rough: Floats) -> Floats:
@@ -281,21 +237,6 @@ def _found(model: "LaplaceLikelihood[Any]", start: Floats, rough: Floats) -> Flo
     options = {"gtol": 1e-3, "hess_inv0": rough}
     found = scipy.optimize.minimize(model, start, jac=True, method="BFGS", options=options)
     return np.asarray(found.x, dtype=np.float64)
-
-
-def _absorbed(start: Floats, fit: CrossedFit, contrast: float) -> Iterator[Floats]:
-    """Yield beginnings of a search without a contrast: each factor in turn takes it over.
-
-    What people all have in common looks without it like a deviation of people, or of scenes, and
-    the likelihood may have a maximum for each. At 0 it is level in a deviation, so that no search
-    would ever leave it.
-    """
-    first = fit.beta.size
-    for number in range(fit.sd.size):
-        begin = start.copy()
-        begin[first : first + fit.sd.size] = np.maximum(fit.sd, LEAST_START_SD)
-        begin[first + number] = np.hypot(begin[first + number], contrast)
-        yield begin
 
 
 class LaplaceLikelihood(Generic[R]):

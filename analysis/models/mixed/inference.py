@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.arrays import Floats
 from analysis.models.numeric import ROUNDING
 
 
@@ -19,24 +20,30 @@ class Draws:
     count: int
     rng: np.random.Generator
 
-    def p(self, observed: float, ratio: Callable[[np.random.Generator], float]) -> float:
-        """Return p of an observed ratio.
+    def ratios(self, ratio: Callable[[np.random.Generator], float]) -> Floats:
+        """Return the ratios of studies that are drawn, the largest first.
 
-        Parameters
-        ----------
-        ratio : callable
-            The ratio of a study that is drawn; NaN, where it has none, counts as larger.
-
-        Notes
-        -----
-        Davison and Hinkley 1997, Bootstrap Methods and their Application, section 4.2.3: (1 + those
-        at least as large) / (1 + draws).
+        Where a study has none (NaN) it counts as infinite.
         """
-        if math.isnan(observed):
-            return math.nan
-        drawn = [ratio(self.rng) for _ in range(self.count)]
-        larger = sum(not one < observed - ROUNDING for one in drawn)
-        return (1.0 + larger) / (1.0 + self.count)
+        drawn = np.array([ratio(self.rng) for _ in range(self.count)])
+        return -np.sort(-np.where(np.isnan(drawn), np.inf, drawn))
+
+
+def p_of_draws(observed: float, drawn: Floats) -> float:
+    """Return p of a ratio beside `Draws.ratios`.
+
+    Notes
+    -----
+    Davison and Hinkley 1997, Bootstrap Methods and their Application, section 4.2.3: (1 + those
+    at least as large) / (1 + draws).
+    """
+    return float(1.0 + np.sum(drawn >= observed - ROUNDING)) / (1.0 + drawn.size)
+
+
+def cut_of_draws(drawn: Floats, level: float) -> float:
+    """Return the largest ratio whose p by draws is not below 1 - level; NaN if any's is not."""
+    larger = math.ceil((1.0 - level) * (1.0 + drawn.size) - ROUNDING) - 2
+    return float(drawn[larger]) + ROUNDING if larger >= 0 else math.nan
 
 
 def least_p_of_draws(count: int) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.arrays import Floats
-from analysis.models.contrasts import with_holm
+from analysis.models.contrasts import holm_where_known
 from analysis.models.numeric import two_sided_p, two_sided_quantile
 
 Asked = Mapping[str, Mapping[str, float]]
@@ -97,7 +97,7 @@ def margins(
             # Thirds that were written in three digits sum to 0, too.
             own[own != 0.0] -= own.sum() / np.count_nonzero(own)
             found.append(margin(name, own))
-    adjusted = [p for _, p in with_holm([one.p for one in found])]
+    adjusted = holm_where_known([one.p for one in found])
     return Margins(
         tuple(replace(one, p=math.nan) for one in means),
         tuple(replace(one, p_adjusted=p) for one, p in zip(found, adjusted, strict=True)),

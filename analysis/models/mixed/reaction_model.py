@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -15,14 +15,14 @@ from analysis.models.contrasts import (
     Difference,
     absorbing,
     equal,
+    holm_where_known,
     pairs_of,
-    ratio_p,
     wald,
-    with_holm,
 )
-from analysis.models.mixed.inference import USUAL, Draws, Inference
+from analysis.models.mixed.inference import USUAL, Inference
 from analysis.models.mixed.linear_mixed import LinearMixed, fit_linear_mixed
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
+from analysis.models.mixed.profile import ratio_test
 from analysis.models.numeric import two_sided_quantile
 from analysis.models.right_answers import FEW_PARTICIPANTS
 
@@ -45,7 +45,8 @@ class ConditionTime:
 class TimeRatio:
     """Ratio of the times that answers take in two conditions, first to second; p tests 1.
 
-    `ratio_p` is of the likelihood ratio against equal conditions, by the same t or by bootstrap.
+    p is of the likelihood ratio against equal conditions, whose signed root is `t`, by t or by
+    bootstrap; limits are those of the profile likelihood.
     """
 
     first: str
@@ -58,8 +59,6 @@ class TimeRatio:
     p: float
     p_adjusted: float
     t: float
-    ratio_p: float = math.nan
-    ratio_p_adjusted: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,8 @@ def time_model(
 
     Notes
     -----
-    `linear_mixed.fit_linear_mixed`. Limits and tests are t with degrees of freedom between those
+    `linear_mixed.fit_linear_mixed`. Limits and tests of times are t, those of ratios
+    the likelihood ratio's root by t, with degrees of freedom between those
     of participants and of scenes (`contrasts.CrossedDesign`): so many people and scenes, and not
     so many answers, tell what holds for others. The deviations of participants and scenes in a
     condition keep one person's taste, and one scene's, from passing for the condition's; where each
@@ -157,13 +157,15 @@ def time_model(
     df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
     reach = two_sided_quantile(level, df) * error
     gaps = wald("ln s", names, pairs, beta, covariance, crossed=crossed, level=level)
-    tested = with_holm(
-        [
-            _ratio_p(design, y, effects, fit, (names.index(gap.first), names.index(gap.second)),
-                     gap.df, inference.draws)
-            for gap in gaps
-        ]
-    )  # fmt: skip
+    likeliest = _likeliest(design, y, effects, fit) if gaps else fit
+    tested = [
+        _time_ratio(
+            _HeldGap(design, y, effects, likeliest,
+                     (names.index(gap.first), names.index(gap.second))),
+            gap, inference,
+        )
+        for gap in gaps
+    ]  # fmt: skip
     if people < FEW_PARTICIPANTS:
         notes.append(f"only {people} participants: limits and p are a rough guide")
     return TimeModel(
@@ -172,7 +174,10 @@ def time_model(
             for (name, part), own, to in zip(parts, beta, reach, strict=True)
             for middle, low, high in [np.exp([own, own - to, own + to]).tolist()]
         ),
-        ratios=tuple(_time_ratio(gap, *own, level) for gap, own in zip(gaps, tested, strict=True)),
+        ratios=tuple(
+            replace(one, p_adjusted=own)
+            for one, own in zip(tested, holm_where_known([one.p for one in tested]), strict=True)
+        ),
         beta=tuple(map(float, beta)),
         beta_se=tuple(map(float, error)),
         participant_sd=sd["participant"],
@@ -205,54 +210,59 @@ def _with_times(trials: pd.DataFrame, by: Sequence[str]) -> tuple[pd.DataFrame, 
     return rows, places
 
 
-def _time_ratio(gap: Difference, own: float, together: float, level: float) -> TimeRatio:
-    ratio, lower, upper = np.exp([gap.difference, gap.lower, gap.upper]).tolist()
-    sides = gap.first, gap.second
-    tested = gap.df, gap.p, gap.p_adjusted, gap.t, own, together
-    return TimeRatio(*sides, ratio, lower, upper, level, *tested)
+@dataclass(frozen=True)
+class _HeldGap:
+    """The likelihood of logarithms of times where the gap of two conditions is held."""
+
+    design: Floats
+    y: Floats
+    effects: Mapping[str, Ints]
+    near: LinearMixed
+    pair: tuple[int, int]
+
+    def at(self, gap: float) -> LinearMixed:
+        """Fit all else; searches begin near `near`."""
+        first, second = self.pair
+        missing = float(self.near.beta[first] - self.near.beta[second]) - gap
+        sd = {name: self.near.sd[name] / self.near.residual_sd for name in self.effects}
+        return fit_linear_mixed(
+            equal(self.design, self.pair),
+            self.y - gap * self.design[:, first],
+            self.effects,
+            restricted=False,
+            starts=absorbing(sd, missing / self.near.residual_sd),
+        )
 
 
-def _ratio(
-    design: Floats,
-    y: Floats,
-    effects: Mapping[str, Ints],
-    near: LinearMixed,
-    pair: tuple[int, int],
-) -> tuple[float, LinearMixed]:
-    """Return the likelihood ratio of two equal conditions, and the model where they are one.
-
-    `near`: where searches begin.
-    """
-
-    def best(design: Floats, contrast: float) -> LinearMixed:
-        sd = {name: near.sd[name] / near.residual_sd for name in effects}
-        starts = absorbing(sd, contrast / near.residual_sd)
-        return fit_linear_mixed(design, y, effects, restricted=False, starts=starts)
-
-    whole = best(design, 0.0)
-    less = best(equal(design, pair), float(whole.beta[pair[0]] - whole.beta[pair[1]]))
-    return max(0.0, 2.0 * (whole.log_likelihood - less.log_likelihood)), less
-
-
-def _ratio_p(
-    design: Floats,
-    y: Floats,
-    effects: Mapping[str, Ints],
-    fit: LinearMixed,
-    pair: tuple[int, int],
-    df: float,
-    draws: Draws | None,
-) -> float:
-    """Return p of that ratio, by t or by drawing times from the model where they are one."""
-    observed, less = _ratio(design, y, effects, fit, pair)
-    if draws is None:
-        return ratio_p(observed, df)
-    fixed = equal(design, pair) @ less.beta
+def _time_ratio(held: _HeldGap, gap: Difference, inference: Inference) -> TimeRatio:
+    """Return a gap, judged by t or by drawing times from the model where it is 0."""
 
     def drawn(rng: np.random.Generator) -> float:
-        times = fixed + less.residual_sd * rng.standard_normal(y.size)
-        for name, code in effects.items():
+        times = equal(held.design, held.pair) @ less.beta
+        times = times + less.residual_sd * rng.standard_normal(times.size)
+        for name, code in held.effects.items():
             times += less.sd[name] * rng.standard_normal(int(code.max()) + 1)[code]
-        return _ratio(design, times, effects, less, pair)[0]
+        study = replace(held, y=times, near=_likeliest(held.design, times, held.effects, less))
+        return max(2.0 * (study.near.log_likelihood - study.at(0.0).log_likelihood), 0.0)
 
-    return draws.p(observed, drawn)
+    draws = None
+    if inference.draws is not None:
+        less = held.at(0.0)
+        draws = inference.draws.ratios(drawn)
+    found = ratio_test(
+        lambda value: held.at(value).log_likelihood, held.near.log_likelihood,
+        gap.difference, gap.standard_error, gap.df, inference.level, draws,
+    )  # fmt: skip
+    ratio, lower, upper = np.exp([gap.difference, found.lower, found.upper]).tolist()
+    return TimeRatio(
+        gap.first, gap.second, ratio, lower, upper, gap.level, gap.df,
+        found.p, math.nan, found.root,
+    )  # fmt: skip
+
+
+def _likeliest(
+    design: Floats, y: Floats, effects: Mapping[str, Ints], near: LinearMixed
+) -> LinearMixed:
+    """Fit by the likelihood itself, whose ratios compare models."""
+    sd = {name: near.sd[name] / near.residual_sd for name in effects}
+    return fit_linear_mixed(design, y, effects, restricted=False, starts=absorbing(sd, 0.0))

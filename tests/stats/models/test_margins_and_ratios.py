@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from analysis.models.mixed.inference import Draws, Inference
+from analysis.models.mixed.inference import Draws, Inference, p_of_draws
 from analysis.models.mixed.marginal_means import margins
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import rating_model
@@ -31,7 +31,7 @@ def trials():
 
 
 def ratios(compared):
-    return [stats.t.isf(0.5 * one.ratio_p, one.df) ** 2 for one in compared]
+    return [stats.t.isf(0.5 * one.p, one.df) ** 2 for one in compared]
 
 
 def test_likelihood_ratios_and_contrasts_of_times_are_lme4s(trials):
@@ -70,7 +70,8 @@ def test_marginal_means_of_right_answers_are_glmmtmbs_at_the_mean_level():
     errors = [one.standard_error for one in means]
     np.testing.assert_allclose(errors, R["right_means_se"], rtol=1e-2)
     row = found.mixed["method[T.b]"]
-    assert (gap.value, gap.p) == pytest.approx((row.estimate, row.p))
+    own = row.estimate, row.standard_error
+    assert (gap.value, gap.standard_error) == pytest.approx(own)
     (said,) = (s for s in ModelsPart().show(found, plan).sentences if "Contrast gap" in s)
     assert re.search(r"\(1 b - 1 a\): .* logits, 95% CI", said)
 
@@ -85,13 +86,15 @@ def test_p_by_parametric_bootstrap_is_lme4s_where_people_are_few(trials):
 
     assert ratios(time_model(few, ("cond",)).ratios) == pytest.approx(R["few_ratio"], rel=5e-3)
     (p,) = R["few_bootstrap_p"]
-    assert abs(own.ratio_p - p) < 3.5 * np.sqrt(p * (1 - p) * (1 / 39 + 1 / 400))
+    assert abs(own.p - p) < 3.5 * np.sqrt(p * (1 - p) * (1 / 39 + 1 / 400))
 
 
 def test_a_drawn_ratio_that_cannot_be_had_counts_against_the_effect():
     drawn = iter([0.5, 3.0, np.nan, 1.0])
 
-    assert Draws(4, np.random.default_rng(0)).p(2.0, lambda _rng: next(drawn)) == 3 / 5
+    assert (
+        p_of_draws(2.0, Draws(4, np.random.default_rng(0)).ratios(lambda _rng: next(drawn))) == 0.6
+    )
 
 
 def test_thirds_in_three_digits_are_a_contrast_and_what_is_not_identified_has_no_number():

@@ -19,6 +19,7 @@ from analysis.parts.shared import apa_test
 FOLDER = Path(__file__).parents[1] / "oracles"
 ORACLE = json.loads((FOLDER / "oracle_deviations.json").read_text())
 PROFILE = Inference(profile=True)
+_LAW = "likelihood ratio"
 
 
 @pytest.fixture(scope="module")
@@ -76,10 +77,12 @@ def test_many_levels_have_no_profile(times, monkeypatch):
     assert math.isnan(fit.deviations[0].lower)
 
 
-def test_the_likelihood_ratio_stands_before_walds_statistic(times):
+def test_a_likelihood_ratio_that_judges_is_said(times):
     rows = times.rename(columns={"hit": "correct"}).drop(columns="rating")
     rows = rows.loc[:, ~rows.columns.duplicated(keep="last")]
     said = apa_term(models_beside("logit(correct) ~ 1 + cond", rows).mixed, "cond[T.b]")
-    assert said.index("likelihood ratio p") < said.index("SE =") < said.index(" t(")
+    assert re.search(r" t\([\d.]+\) = -?[\d.]+, p [=<] [.\d]+ \(likelihood ratio; GLMM", said)
     (ratio, *_) = time_model(times, ("cond",), reference="a").ratios
-    assert re.fullmatch(r"likelihood ratio p = [.\d]+; t\(.*", apa_test(ratio))
+    assert re.fullmatch(r"t\(.*\) = .*, p [=<].*\(likelihood ratio\)", apa_test(ratio, _LAW))
+    drawn = apa_test(ratio, _LAW, 99)
+    assert re.match(r"likelihood ratio [\d.]+, p .*likelihood ratio; parametric bootstrap", drawn)
