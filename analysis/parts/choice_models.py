@@ -173,9 +173,10 @@ def _blocks(
     yield Paragraph(
         "b: logarithm of the odds (OR) of choosing the first method, for a participant and a"
         ' scene in the middle; "shown first": how far b rises where that method was shown first'
-        " instead of second. p and limits: of the likelihood ratio, its root by t. Where a mixed model cannot be had,"
-        " the row says what stands in its place: clustered errors with t, or Firth's penalty,"
-        " whose p and limits are of its profile likelihood and take trials as independent."
+        " instead of second. p and limits: of the likelihood ratio, its root by t. Where a mixed"
+        " model cannot be had, the row says what stands in its place: clustered errors with t, or"
+        " Firth's penalty, whose p and limits are of its profile likelihood and take trials as"
+        " independent."
         " Random SD: how far participants, and scenes, differ on the scale of b.",
         muted=True,
     )
