@@ -1,5 +1,6 @@
 """Fills that depth guides: `metameric`, `metameric-paper`, `push-pull-depth` and transport."""
 
+from functools import partial
 from typing import Any
 
 import moderngl
@@ -127,29 +128,41 @@ class MetamericPaper(DepthGuidedMethod[PrintedPass]):
 class CoherenceTransport(DepthGuidedMethod[TransportPass]):
     """After Bornemann and März 2007, guided by depth. Parameters: see `TransportSettings`.
 
-    It takes no chance: no seed. `z_near_m` as for `metameric`.
+    The seed is of its detail alone. `z_near_m` as for `metameric`.
     """
 
     settings_class = TransportSettings
     _settings: TransportSettings
+    _in_clips: "CoherenceTransport | None" = None  # what fills a clip's frames
 
     def new_plate(self) -> PlateTextures:
         """Return the plate that keeps the fills of one source frame from view to view."""
-        return self._new_plate()
+        if self._in_clips is None:
+            settings = vars(self._settings.in_clips())
+            self._in_clips = CoherenceTransport(self._ctx, z_near_m=self._z_near_m, **settings)
+        return self._in_clips._new_plate()
+
+    def release(self) -> None:
+        """Free textures and shaders; plates are their users'."""
+        super().release()
+        if self._in_clips is not None:
+            self._in_clips.release()
 
     def in_numpy(self) -> InNumpy:
         """Return the numpy twin of this method with its parameters."""
         return InNumpy(
-            lambda warped, _seed: self._filled(warped),
+            partial(self._filled, self._settings),
             lambda: KeptFills(
-                lambda known, _weight: self._filled(known).astype(np.float32),
+                lambda known, _weight, seed: self._filled(
+                    self._settings.in_clips(), known, seed
+                ).astype(np.float32),
                 self._settings.depth_threshold,
             ),
         )
 
-    def _filled(self, warped: WarpedFrame) -> Floats:
+    def _filled(self, settings: TransportSettings, warped: WarpedFrame, seed: int) -> Floats:
         nearest_m = self._nearest_m(warped)
-        return transport_fill(warped, self._settings, z_near_m=nearest_m).colour
+        return transport_fill(warped, settings, z_near_m=nearest_m, seed=seed).colour
 
     def _build(self, size: tuple[int, int]) -> TransportPass:
         return TransportPass(self._ctx, size, self._settings)
@@ -157,5 +170,5 @@ class CoherenceTransport(DepthGuidedMethod[TransportPass]):
     def _build_plate(self, size: tuple[int, int]) -> PlatePass:
         return PlatePass(self._ctx, size, self._settings.depth_threshold)
 
-    def _run(self, filler: TransportPass, frame: FrameTextures, seed: int) -> None:  # noqa: ARG002
-        filler(frame, z_near_m=self._nearest_m(frame))
+    def _run(self, filler: TransportPass, frame: FrameTextures, seed: int) -> None:
+        filler(frame, z_near_m=self._nearest_m(frame), seed=seed)

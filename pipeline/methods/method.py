@@ -75,7 +75,8 @@ class PlateMethod(Method, Protocol):
     """A method with a plate, which fills the views of one source frame.
 
     Views come in the order of their path, so a frame is a pure function of source, path and
-    seed. `fill` alone gives what the first view of a path gets.
+    seed. `fill` alone gives what the first view of a path gets, with the same parameters; some have
+    another default in clips.
     """
 
     def new_plate(self) -> CleanPlate | TexturePlate:

@@ -37,7 +37,7 @@ class KeptFills:
 
     Parameters
     ----------
-    fill : function of a WarpedFrame and weights, (H, W)
+    fill : function of a WarpedFrame, weights, (H, W), and a seed
         Returns its own fill, (H, W, 3). What is known weighs 1, what is kept `weight`, holes 0.
     depth_threshold : float
         As of `SourcePlate`.
@@ -47,7 +47,7 @@ class KeptFills:
 
     def __init__(
         self,
-        fill: Callable[[WarpedFrame, Floats], NDArray[np.float32]],
+        fill: Callable[[WarpedFrame, Floats, int], NDArray[np.float32]],
         depth_threshold: float,
         *,
         weight: float = 1.0,
@@ -56,7 +56,7 @@ class KeptFills:
         self._fill, self._weight, self._overwrites = fill, weight, overwrites
         self._plate = SourcePlate(depth_threshold)
 
-    def fill(self, warped: WarpedFrame, seed: int = 0) -> NDArray[np.float32]:  # noqa: ARG002
+    def fill(self, warped: WarpedFrame, seed: int = 0) -> NDArray[np.float32]:
         """Fill the next view; all of them have one size."""
         hole = warped.hole
         if not hole.any():
@@ -65,7 +65,7 @@ class KeptFills:
         known, weight = warped.colour.copy(), (~hole).astype(np.float64)
         known[hole] = np.where(kept[:, None], colour, np.float32(0))
         weight[hole] = np.where(kept, self._weight, 0.0)
-        filled = self._fill(replace(warped, colour=known, hole=weight == 0), weight)
+        filled = self._fill(replace(warped, colour=known, hole=weight == 0), weight, seed)
         shown = np.where(hole[..., None], filled, warped.colour)
         self._plate.keep(warped, shown, again=self._overwrites)
         return shown

@@ -225,5 +225,5 @@ def recirculating(weight: float) -> KeptFills:
     return KeptFills(_filled, SAME_SURFACE, weight=weight, overwrites=True)
 
 
-def _filled(frame: WarpedFrame, weight: Floats) -> NDArray[np.float32]:
+def _filled(frame: WarpedFrame, weight: Floats, _seed: int) -> NDArray[np.float32]:
     return weighted_pull_push(np.dstack([frame.colour, weight])).astype(np.float32)

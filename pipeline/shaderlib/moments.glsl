@@ -1,5 +1,5 @@
 // Band moments of one texel: coefficients of 2x2 children are made, checked and averaged.
-// Include guided.glsl before.
+// Include guided.glsl and window.glsl before.
 // Twin: band_statistics() and outlined_levels() in statistics/reference.py. Change both or neither.
 
 #constant CROSS             // 1: of chroma its product with luma, else its magnitude
@@ -76,6 +76,7 @@ Measured measure(Window w, WindowGuide g, ivec2 first, ivec2 size, float deepest
     vec4 both = min(left, right);
     m.outlined = across != vec4(0.0) || min(least(both.xyz), both.w) < -0.5;
 #endif
+    valid *= part_at(first);
     // The first child stands for one that is not there.
     bvec2 whole = lessThan(first + 1, size);
     if (!whole.x) valid.yw = valid.xz;

@@ -31,6 +31,8 @@ class VariancePass(Pass):
         Whose holes, guide and lists these are; it must have run on the frame.
     levels, cross, skip_depth_edges
         As for `reference.inpainted_statistics`.
+    gate : moderngl.Texture, optional
+        Part that coefficients of 4x4 pixels take (r32f); written where `("first", 1)` visits.
     """
 
     def __init__(
@@ -41,12 +43,14 @@ class VariancePass(Pass):
         levels: int,
         cross: bool,
         skip_depth_edges: bool,
+        gate: moderngl.Texture | None = None,
     ) -> None:
         constants = {
             **vars(moments),
             **band_constants(),
             "PLANES": MOMENT_PLANES,
             "CROSS": cross,
+            "GATED": gate is not None,
             "SKIP_DEPTH_EDGES": skip_depth_edges,
             "TILE": CELL // 2,
             "GAMMA": base.gamma,
@@ -76,6 +80,8 @@ class VariancePass(Pass):
         )
         self._set(depth_threshold=base.depth_threshold)
         self._hold(**base.lists.shared)
+        if gate is not None:
+            self._hold(gate=gate)
 
     def __call__(
         self, levels: Sequence[moderngl.Texture], depth_m: moderngl.Texture, z_near_m: float
@@ -85,6 +91,7 @@ class VariancePass(Pass):
         lists = self._base.lists
         for k, level in enumerate(levels):
             shader = self._first[k == 0]
+            self._set(gate_shift=FIRST_STORED - k)
             shader["halves_list"] = lists.appendable(("halves", k))
             shader["incomplete_list"] = lists.appendable(("moments", k + FIRST_STORED))
             own = self.chain.at(k + FIRST_STORED)
@@ -93,6 +100,7 @@ class VariancePass(Pass):
         self.chain()
         for k, level in enumerate(levels):
             shader = self._lacking[k == 0]
+            self._set(gate_shift=FIRST_STORED - k)
             shader["coarse_size"] = self._base.resolutions.sizes[k + FIRST_STORED]
             shader["corner"] = tuple(self.places[k, 2:].tolist())
             lists.run(

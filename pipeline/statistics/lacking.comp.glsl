@@ -14,8 +14,8 @@
 #include "guided.glsl"
 #include "taps.glsl"
 #include "planes.glsl"
-#include "moments.glsl"
 #include "window.glsl"
+#include "moments.glsl"
 
 layout(rgba32f) uniform readonly image2D coarse;  // moments of 4x4, complete
 layout(rgba32f) uniform writeonly image2D variances;  // w of the first: guide

@@ -8,8 +8,8 @@
 #include "guided.glsl"
 #include "taps.glsl"
 #include "planes.glsl"
-#include "moments.glsl"
 #include "window.glsl"
+#include "moments.glsl"
 
 layout(rgba32f) uniform writeonly image2D moments;
 layout(r32f) uniform readonly image2D half_guide;     // of 2x2

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.colour import ycbcr_from_rgb
-from pipeline.features.reference import analyse, range_below, spoiled_levels
+from pipeline.features.reference import range_below, spoiled_levels
 from pipeline.frame import Bools, Floats
 from pipeline.inpaint.reference import GuidedLevel, near_a_hole, pull_push
 from pipeline.inpaint.regions import STATISTICS_RINGS
@@ -19,20 +18,23 @@ from pipeline.statistics.moments import known_background, moments, noise_varianc
 
 
 def inpainted_statistics(
-    base: Floats,
+    bands: Sequence[Floats],
     hole: Bools,
     base_levels: list[GuidedLevel],
     *,
-    levels: int,
     cross: bool,
     gamma: float,
     threshold: float,
     skip_depth_edges: bool,
+    parts: Sequence[Floats] | None = None,
 ) -> tuple[list[GuidedLevel], list[GuidedLevel]]:
-    """Measure the bands around the holes and say how much noise each hole pixel lacks."""
-    last = len(base_levels) - 1  # past 1x1 nothing changes
+    """Measure the bands around the holes and say how much noise each hole pixel lacks.
+
+    `bands` are those of the filled frame. `parts` tell level by level how much each of them counts,
+    from 0 to 1; None: all do.
+    """
+    levels, last = len(bands), len(base_levels) - 1  # past 1x1 nothing changes
     guides = [base_levels[min(level, last)].guide for level in range(levels)]
-    bands = analyse(ycbcr_from_rgb(base), levels).bands
     spoiled = spoiled_levels(hole, levels)
     outlined = [np.zeros_like(mask) for mask in spoiled]
     if skip_depth_edges:
@@ -40,9 +42,10 @@ def inpainted_statistics(
     statistics, lacking = [], []
     for level in range(levels):
         near = near_a_hole(hole, level, STATISTICS_RINGS, level + 1)[:: 1 << level, :: 1 << level]
+        valid = (near & ~spoiled[level] & ~outlined[level]).astype(np.float64)
         inpainted = band_statistics(
             bands[level],
-            near & ~spoiled[level] & ~outlined[level],
+            valid if parts is None else valid * parts[level],
             guides[level],
             cross=cross,
             gamma=gamma,
@@ -62,7 +65,7 @@ def inpainted_statistics(
 
 def band_statistics(
     bands: Floats,
-    valid: Bools,
+    valid: Bools | Floats,
     guide: Floats,
     *,
     cross: bool,
@@ -77,8 +80,8 @@ def band_statistics(
     ----------
     bands : (H, W, bands, channels)
         Coefficients of Y', Cb, Cr.
-    valid : (H, W) of bool
-        Which of them take part: near a hole, not reaching it (`spoiled_levels`), and not
+    valid : (H, W)
+        How much each of them counts: near a hole, not reaching it (`spoiled_levels`), and not
         across the outline of something nearer (`outlined_levels`).
     guide : (H, W)
     cross : bool

@@ -10,6 +10,7 @@
 #constant NOISE_TEXELS_PER_PX
 #constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
 #constant ANCHOR_REACH_PX
+#constant FOVEATED  // 1: where the gaze leaves it
 #constant SMALLEST_LACKING  // variance that is no more divided by its own root
 
 #include "pixels.glsl"
@@ -26,6 +27,10 @@ layout(rg32f) uniform readonly image2D flow_px;  // target minus source
 layout(rgba32f) uniform readonly image2D variances;
 // LEVELS x CHANNELS neighbours per texel; rgb: bands.
 layout(rgba32f) uniform readonly image2D noise;
+
+#if FOVEATED
+layout(r32f) uniform readonly image2D attention;  // share of the noise
+#endif
 
 uniform float z_near_m;
 uniform float noise_scale;
@@ -130,7 +135,11 @@ void add_level(inout Pixel p, int level, vec4 share, Texel a, Texel b, Texel c, 
 
 void finish(Pixel p) {
     if (!p.hole) return;
-    vec3 colour = p.colour + noise_scale * (RGB_FROM_YCBCR * p.noise);
+    float scale = noise_scale;
+#if FOVEATED
+    scale *= imageLoad(attention, p.place).r;
+#endif
+    vec3 colour = p.colour + scale * (RGB_FROM_YCBCR * p.noise);
     imageStore(image, p.place, vec4(clamp(colour, 0.0, 1.0), 0.0));
 }
 

@@ -31,6 +31,12 @@ class MetamericPass(Pass):
     ----------
     size : (width, height)
         Any from 1x1.
+    base : GuidedBasePass, optional
+        Of as many levels, which has run on each frame, whoever filled it: noise alone is added.
+    gate : moderngl.Texture, optional
+        As of `VariancePass`.
+    attention : moderngl.Texture, optional
+        Share of the noise that each pixel gets (r32f).
 
     Raises
     ------
@@ -39,14 +45,22 @@ class MetamericPass(Pass):
     """
 
     def __init__(
-        self, ctx: moderngl.Context, size: tuple[int, int], settings: MetamericSettings
+        self,
+        ctx: moderngl.Context,
+        size: tuple[int, int],
+        settings: MetamericSettings,
+        *,
+        base: GuidedBasePass | None = None,
+        gate: moderngl.Texture | None = None,
+        attention: moderngl.Texture | None = None,
     ) -> None:
         super().__init__(ctx)
         check_limits(ctx, size)
         self.size = size
         self.settings = settings
         levels = settings.levels
-        self.base = self._part(
+        self._fills = base is None
+        self.base = base or self._part(
             GuidedBasePass(
                 ctx,
                 size,
@@ -66,6 +80,7 @@ class MetamericPass(Pass):
                 levels=levels,
                 cross=settings.channels == "correlated",
                 skip_depth_edges=settings.skip_depth_edges,
+                gate=gate,
             )
         )
         self._composite = self._shader(
@@ -77,9 +92,12 @@ class MetamericPass(Pass):
             ANCHOR=_ANCHORS[settings.anchor],
             ANCHOR_REACH_PX=ANCHOR_REACH_PX,
             SMALLEST_LACKING=SMALLEST_LACKING,
+            FOVEATED=attention is not None,
         )
         self._noise = self._texture((TILE_TEXELS * levels * self._channels, TILE_TEXELS), "rgba32f")
         self._hold(**self.base.lists.shared, noise=self._noise, variances=self.variances.texels)
+        if attention is not None:
+            self._hold(attention=attention)
         self._composite["depth_threshold"] = settings.depth_threshold
         self._composite["noise_scale"] = settings.noise
         self._composite["level_size"] = self.variances.places
@@ -127,7 +145,8 @@ class MetamericPass(Pass):
                 matrix.T.astype(np.float32).ravel().tolist()
             )
         self.set_seed(seed)
-        self.base(frame.colour, frame.depth_m, z_near_m)
+        if self._fills:
+            self.base(frame.colour, frame.depth_m, z_near_m)
         levels = self.low_bands(frame.colour, frame.depth_m, z_near_m)
         self.variances(levels, frame.depth_m, z_near_m)
         self._composite["z_near_m"] = z_near_m

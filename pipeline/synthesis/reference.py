@@ -6,12 +6,14 @@ its own way and what was measured.
 Twin: gpu.py with composite.comp.glsl. Change both or neither.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.colour import rgb_from_ycbcr
+from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
+from pipeline.features.reference import analyse
 from pipeline.frame import Floats, WarpedFrame, check_seed, check_some_known
 from pipeline.inpaint.reference import GuidedLevel, guide_from_depth, guided_base, guided_mean
 from pipeline.noise.tile import NoiseBands, look_up, noise_bands
@@ -73,26 +75,46 @@ def metameric_fill(
     )
     hole = warped.hole[..., None]
     base = np.where(hole, base_levels[0].values, warped.colour)
+    return with_detail(
+        warped, base, base_levels, settings, seed=seed, source_from_target=source_from_target
+    )
+
+
+def with_detail(
+    warped: WarpedFrame,
+    base: Floats,
+    base_levels: list[GuidedLevel],
+    settings: MetamericSettings,
+    *,
+    seed: int,
+    source_from_target: Floats | None = None,
+    parts: Sequence[Floats] | None = None,
+    attention: Floats | float = 1.0,
+) -> MetamericFill:
+    """Add the noise that a filled frame, `base`, lacks, or a share of it, `attention` (H, W, 1).
+
+    `base_levels` are push-pull's, for their depth; `parts` as of `inpainted_statistics`.
+    """
     statistics, lacking = inpainted_statistics(
-        base,
+        analyse(ycbcr_from_rgb(base), settings.levels).bands,
         warped.hole,
         base_levels,
-        levels=settings.levels,
         cross=settings.channels == "correlated",
         gamma=settings.gamma,
         threshold=settings.depth_threshold,
         skip_depth_edges=settings.skip_depth_edges,
+        parts=parts,
     )
     anchor_px = _anchors(warped, settings, source_from_target)
     noise = shaped_noise(
         lacking,
-        guide,
+        base_levels[0].guide,
         anchor_px,
         noise_bands(seed, settings.levels, 1 if settings.channels == "correlated" else 3),
         settings.depth_threshold,
     )
-    filled = np.clip(base + settings.noise * rgb_from_ycbcr(noise), 0.0, 1.0)
-    colour = np.where(hole, filled, warped.colour)
+    filled = np.clip(base + settings.noise * attention * rgb_from_ycbcr(noise), 0.0, 1.0)
+    colour = np.where(warped.hole[..., None], filled, warped.colour)
     return MetamericFill(colour, base, anchor_px, tuple(statistics), tuple(lacking))
 
 

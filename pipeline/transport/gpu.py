@@ -2,7 +2,7 @@
 
 After push-pull: gradients; the lists of the first shell and of the known pixels that holes see; the
 tensors of these; shell after shell, each over the list that the one before appended; and all put
-together.
+together. Then, where detail is asked for, the gate, and `metameric`'s own passes over the result.
 """
 
 from itertools import count
@@ -13,8 +13,8 @@ from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import upload
 from pipeline.inpaint.gpu import GuidedBasePass
-from pipeline.inpaint.regions import SHELLS
-from pipeline.synthesis.settings import MetamericSettings
+from pipeline.inpaint.regions import CELL, FIRST_STORED, SHELLS
+from pipeline.synthesis.gpu import MetamericPass
 from pipeline.transport import reference as fixed
 from pipeline.transport.reference import TransportSettings
 
@@ -37,11 +37,14 @@ class TransportPass(Pass):
     ) -> None:
         super().__init__(ctx, {**vars(fixed), "ROW": ROW})
         self.size = size
+        self.settings = settings
+        noise = settings.noise
         self._base = self._part(
             GuidedBasePass(
                 ctx,
                 size,
-                gamma=MetamericSettings.gamma,
+                gamma=noise.gamma,
+                levels=noise.levels if noise.noise else 1,
                 depth_threshold=settings.depth_threshold,
                 shells=True,
             )
@@ -53,6 +56,9 @@ class TransportPass(Pass):
             for name in ("gradients", "begin", "tensors", "shell")
         )
         self._finish = self._shader("transport/finish.comp.glsl", FOVEATED=foveated)
+        self._gate = None
+        if noise.noise:
+            self._gate = self._shader("transport/gate.comp.glsl", TILE=CELL // 2)
         self._begin["shell_list"] = self.lists.appendable(("shell", 0))
         self._begin["band_list"] = self.lists.appendable(("band", 0))
         self._set(depth_threshold=settings.depth_threshold, share=settings.share)
@@ -70,6 +76,8 @@ class TransportPass(Pass):
         reach = fixed.RADIUS_PX + fixed.TENSOR_REACH_PX + 1
         first = max(0, columns.start - reach), max(0, rows.start - reach)
         end = min(size[0], columns.stop + reach), min(size[1], rows.stop + reach)
+        if noise.noise:
+            first, end = (0, 0), size
         self._gradients["first"] = first
         self._graded = end[0] - first[0], end[1] - first[1]
         self.attention = None
@@ -77,14 +85,24 @@ class TransportPass(Pass):
             self.attention = self._texture(size, "r32f")
             upload(self.attention, settings.attention(size[::-1]))
             self._finish.hold(attention=self.attention)
+        if self._gate is not None:
+            gate = self._texture(self._base.resolutions.sizes[fixed.GATE_LOG2], "r32f")
+            self._gate.hold(gate=gate)
+            self.detail = self._part(
+                MetamericPass(
+                    ctx, size, noise, base=self._base, gate=gate, attention=self.attention
+                )
+            )
 
-    def __call__(self, frame: FrameTextures, *, z_near_m: float) -> None:
+    def __call__(self, frame: FrameTextures, *, z_near_m: float, seed: int = 0) -> None:
         """Fill the holes of `frame.colour` in place; alpha stays as it is.
 
         Parameters
         ----------
         z_near_m : float
             The clip's nearest depth.
+        seed : int
+            Of the detail's noise.
         """
         frame.check(self.size)
         self._base(frame.colour, frame.depth_m, z_near_m)
@@ -103,3 +121,6 @@ class TransportPass(Pass):
             if slot + 1 == SHELLS and not self.lists.carry_shells():
                 break
         run(self._finish, holes)
+        if self._gate is not None:
+            run(self._gate, ("first", 1), 1 + FIRST_STORED)
+            self.detail(frame, z_near_m=z_near_m, seed=seed)

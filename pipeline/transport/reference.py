@@ -15,6 +15,9 @@ belongs together:
    it, and for the rest what push-pull finds at the same depth.
 4. Near. A hole pixel that no shell reaches sees no background of its own, as in a gap between
    leaves. Another leaf may be uncovered there: some of what is near, at any depth, is mixed in.
+5. Detail. What the fill lacks of its surroundings' texture is added as noise, as `metameric` does
+   (synthesis/). Where the surroundings have one direction they do not count: transport continues
+   what makes that, and noise would repeat edges as marble.
 
 With a gaze, all this happens near it alone (`TransportSettings.fovea_deg`). Hole pixels far from it
 keep what push-pull finds, and are not seen.
@@ -25,7 +28,7 @@ Twin: gpu.py with the shaders here. Change both or neither.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -35,6 +38,7 @@ from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat, share_around
 from pipeline.frame import Bools, Floats, WarpedFrame
 from pipeline.inpaint.reference import guide_from_depth, guided_base
+from pipeline.synthesis.reference import with_detail
 from pipeline.synthesis.settings import MetamericSettings
 
 RADIUS_PX = 4  # seen pixels this near to a hole pixel are averaged
@@ -47,6 +51,9 @@ FAINT = 0.02  # a gradient of so much encoded colour per pixel is no clear struc
 LEAST_DIFFERENCE = 1e-6  # of eigenvalues: where they are equal there is no direction
 NEAR_SHARE = 0.25  # of what is near, in thin holes that see no background of theirs
 WORKED_PX = 64  # transport works this far around what the gaze leaves it: edges come from there
+DETAIL_IN_STILLS = 0.5  # chosen by measurement (docs/decisions/0254)
+GATE_LOG2 = 2  # one tensor tells of 4x4 pixels whether they count as texture
+ROUND, DIRECTED = 0.4, 0.6  # (l1 - l2) / (l1 + l2): up to here texture, from here on one direction
 THIN_PX, WIDE_PX = 2, 6  # across a hole: up to here it is thin, and from here on it is not
 
 
@@ -67,6 +74,9 @@ class TransportSettings:
         Where the eye looks, right of and below the frame's middle.
     width_deg : float
         Visual angle of the frame's width.
+    detail : float, optional
+        Amplitude of the texture's noise, relative to the statistics; 0: none. By default
+        `DETAIL_IN_STILLS` where one frame is filled by itself, and none in clips.
 
     Raises
     ------
@@ -80,6 +90,7 @@ class TransportSettings:
     gaze_x_deg: float = 0.0
     gaze_y_deg: float = 0.0
     width_deg: float = 40.0
+    detail: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.share <= 1:
@@ -91,6 +102,8 @@ class TransportSettings:
         for name in ("gaze_x_deg", "gaze_y_deg"):
             if not -90 < getattr(self, name) < 90:
                 raise InputError(f"{name} must lie in (-90, 90) (got {getattr(self, name)})")
+        if self.detail is not None and not 0 <= self.detail <= 8:
+            raise InputError(f"detail must lie in 0..8 (got {self.detail})")
         Flat(width_deg=self.width_deg)  # checks its range
         for name in ("gaze_x_deg", "gaze_y_deg", "width_deg"):
             if self.fovea_deg == 0 and getattr(self, name) != getattr(type(self), name):
@@ -98,6 +111,16 @@ class TransportSettings:
                     f"{name} (got {getattr(self, name)}) is for a fill by eccentricity and needs"
                     " fovea_deg above 0, how far around the gaze transport works; give it, too"
                 )
+
+    @property
+    def noise(self) -> MetamericSettings:
+        """Settings of the detail; as long as its `noise` is not 0."""
+        amplitude = DETAIL_IN_STILLS if self.detail is None else self.detail
+        return MetamericSettings(noise=amplitude, depth_threshold=self.depth_threshold)
+
+    def in_clips(self) -> "TransportSettings":
+        """The same for the frames of a clip."""
+        return replace(self, detail=self.detail or 0.0)
 
     def attention(self, size: tuple[int, int]) -> NDArray[np.float32]:
         """Share of transport that the gaze leaves: (H, W) of a frame of `size`, 1 at the gaze."""
@@ -147,7 +170,7 @@ class TransportFill:
 
 
 def transport_fill(
-    warped: WarpedFrame, settings: TransportSettings, *, z_near_m: float
+    warped: WarpedFrame, settings: TransportSettings, *, z_near_m: float, seed: int = 0
 ) -> TransportFill:
     """Fill the holes of a frame.
 
@@ -157,14 +180,17 @@ def transport_fill(
         At least one pixel must be known.
     z_near_m : float
         The clip's nearest depth; see `guide_from_depth`.
+    seed : int
+        Of the detail's noise.
     """
     hole, threshold = warped.hole, settings.depth_threshold
     guide = guide_from_depth(warped.depth_m, z_near_m)
     known = np.where(hole[..., None], 0.0, warped.colour.astype(np.float64))
-    base = guided_base(
-        known, hole, guide, levels=1, gamma=MetamericSettings.gamma, threshold=threshold
-    )[0].values
-    base = np.where(hole[..., None], base, known)
+    noise = settings.noise
+    levels = guided_base(
+        known, hole, guide, levels=noise.levels, gamma=noise.gamma, threshold=threshold
+    )
+    base = np.where(hole[..., None], levels[0].values, known)
     attention = settings.attention(warped.size).astype(np.float64)
     worked = np.zeros(hole.shape, np.bool_)
     worked[settings.worked(warped.size)] = True
@@ -177,7 +203,14 @@ def transport_fill(
     near, share = near_around(known, hole, enclosed)
     share *= attention[tuple(enclosed.T)]
     result[tuple(enclosed.T)] += share[:, None] * (near - base[tuple(enclosed.T)])
-    return TransportFill(result.clip(0, 1), base, shell, moved)
+    result = result.clip(0, 1)
+    if noise.noise:
+        parts = texture_parts(tensor, noise.levels)
+        result = with_detail(
+            warped, result, levels, noise,
+            seed=seed, parts=parts, attention=attention[..., None],
+        ).colour  # fmt: skip
+    return TransportFill(result, base, shell, moved)
 
 
 def shells(
@@ -289,6 +322,30 @@ def coherence(tensor: Floats) -> Floats:
         mu = 1 + COHERENCE * np.exp(-((FAINT**2 / difference) ** 2))
     mu *= difference / (difference + LEAST_DIFFERENCE)
     return np.asarray(mu[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+
+
+def texture_parts(tensor: Floats, levels: int) -> list[Floats]:
+    """Tell, level by level, how much coefficients count as texture, given all tensors (H, W, 3).
+
+    0 where the picture has one direction, clearly (twice `FAINT`), else 1. What the middle of 4x4
+    pixels says holds for all of them.
+    """
+    height, width = tensor.shape[:2]
+    step = 1 << GATE_LOG2
+    rows, columns = (
+        np.minimum(np.arange(step // 2, length + step // 2, step), length - 1)
+        for length in (height, width)
+    )
+    xx, xy, yy = np.moveaxis(tensor[rows][:, columns], -1, 0)
+    total, difference = xx + yy, np.hypot(xx - yy, 2 * xy)
+    share = np.divide(difference, total, out=np.zeros_like(total), where=total > 0)
+    directed = np.clip((share - ROUND) / (DIRECTED - ROUND), 0, 1)
+    clear = np.clip((total + difference) / (2 * FAINT**2) - 1, 0, 1)
+    found = []
+    for level in range(levels):
+        whole = (1 - directed * clear).repeat(step >> level, 0).repeat(step >> level, 1)
+        found.append(whole[: -(-height // (1 << level)), : -(-width // (1 << level))])
+    return found
 
 
 def near_around(colour: Floats, hole: Bools, pixels: Indices) -> tuple[Floats, Floats]:

@@ -7,7 +7,9 @@ import pytest
 from cameras import wide_camera
 
 from pipeline.camera import reprojection
+from pipeline.colour import ycbcr_from_rgb
 from pipeline.errors import InputError
+from pipeline.features.reference import analyse
 from pipeline.frame import WarpedFrame, check_seed
 from pipeline.inpaint.reference import GuidedLevel, guided_base
 from pipeline.methods.metameric import PushPullDepth
@@ -93,10 +95,15 @@ def beside_red(plane, first, *, skip_depth_edges):
     base[:, :16] = (0.9, 0.1, 0.1)
     guide = np.full(size, 0.8)
     guide[:, :16] = 0.5
-    known = {"levels": 2, "gamma": 0.25, "threshold": 0.04}
-    levels = guided_base(base, hole, guide, **known)
+    levels = guided_base(base, hole, guide, levels=2, gamma=0.25, threshold=0.04)
     return inpainted_statistics(
-        base, hole, levels, cross=True, skip_depth_edges=skip_depth_edges, **known
+        analyse(ycbcr_from_rgb(base), 2).bands,
+        hole,
+        levels,
+        cross=True,
+        gamma=0.25,
+        threshold=0.04,
+        skip_depth_edges=skip_depth_edges,
     )
 
 

@@ -32,7 +32,7 @@ class Ramps:
     """A plate whose fills are ramps, from the grey that each view says."""
 
     def __init__(self) -> None:
-        self._kept = KeptFills(lambda frame, _: ramp(frame, self._first), THRESHOLD)
+        self._kept = KeptFills(lambda frame, *_: ramp(frame, self._first), THRESHOLD)
 
     def __call__(self, frame: WarpedFrame, first: float) -> list[float]:
         self._first = first
@@ -92,7 +92,7 @@ def test_what_is_kept_counts_as_known_before_the_rest_is_filled():
     """Columns 4 to 7 are kept; of 4 to 9 the filler is asked for 8 and 9, and sees the others."""
     asked = []
 
-    def fill(frame: WarpedFrame, weight: np.ndarray) -> np.ndarray:
+    def fill(frame: WarpedFrame, weight: np.ndarray, _seed: int) -> np.ndarray:
         assert ((weight == 0) == frame.hole).all()
         asked.append((np.flatnonzero(frame.hole[1]).tolist(), frame.colour[1, 4, 0]))
         return np.where(frame.hole[..., None], np.float32(0.25), frame.colour)
@@ -148,7 +148,7 @@ class Gliding:
 
 @pytest.fixture(scope="module")
 def method(module_gl_context):
-    made = create_method("coherence-transport", module_gl_context)
+    made = create_method("coherence-transport", module_gl_context, {"detail": 1.0})
     yield made
     made.release()
 
@@ -185,7 +185,7 @@ def test_the_first_view_of_a_source_has_the_methods_own_fill_and_later_ones_have
 
 def test_a_clip_is_the_same_as_by_arrays(method, views, in_sequence):
     """By the numpy twin of the plate, around the same fills."""
-    plate = KeptFills(lambda frame, _: method.fill(frame, 1), THRESHOLD)
+    plate = KeptFills(lambda frame, *_: method.fill(frame, 1), THRESHOLD)
     for k in range(3):
         assert plate.fill(views.warped(k)).tobytes() == in_sequence[k].tobytes()
     assert (in_sequence[2] != method.fill(views.warped(2), 1)).any()
@@ -211,7 +211,7 @@ class Arrays:
     def release(self) -> None: ...
 
     def new_plate(self) -> KeptFills:
-        return KeptFills(lambda frame, _: self.fill(frame, 0), THRESHOLD)
+        return KeptFills(lambda frame, *_: self.fill(frame, 0), THRESHOLD)
 
 
 def test_a_method_of_arrays_has_a_plate_of_arrays():

@@ -5,6 +5,7 @@ import pytest
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
+from pipeline.methods.registry import create_method
 from pipeline.transport.reference import (
     LEFT_OUT,
     UNREACHED,
@@ -14,6 +15,7 @@ from pipeline.transport.reference import (
     near_around,
     shells,
     structure_tensors,
+    texture_parts,
     transport_fill,
     transported,
 )
@@ -228,7 +230,63 @@ def test_transport_moves_with_the_background(rng):
     assert still.transported[18, 45].std() > 1e-3
 
 
-@pytest.mark.parametrize("key", ["share", "depth_threshold"])
+def test_what_has_one_direction_is_no_texture():
+    """By hand: a clear edge; a clear corner; between the two; an edge too faint; one half clear.
+
+    The middle of each 4x4 pixels tells; the last block is cut, and told by its last pixel.
+    """
+    blocks = np.array([(0.1, 0, 0), (0.1, 0, 0.1), (0.1, 0, 0.1 / 3), (2e-4, 0, 0), (6e-4, 0, 0)])
+    tensor = np.zeros((2, 18, 3))
+    tensor[1, [2, 6, 10, 14, 17]] = blocks
+
+    fine, coarse = texture_parts(tensor, 2)
+
+    parts = [0, 1, 0.5, 1, 0.5]
+    np.testing.assert_allclose(fine, [np.repeat(parts, 4)[:18]] * 2, atol=1e-12)
+    np.testing.assert_allclose(coarse, [np.repeat(parts, 2)[:9]], atol=1e-12)
+
+
+def lacking_detail(colour, **settings):
+    """Fill a hole of 24 px; the deviations of what detail adds, and of the known colour."""
+    hole = np.zeros(colour.shape[:2], bool)
+    hole[:, 20:44] = True
+    frame = frame_of(colour, hole)
+    smooth = fill(frame, detail=0).colour
+    found = fill(frame, **settings).colour
+    assert (found == smooth)[~hole].all()
+    return (found - smooth)[hole].std(), colour[~hole].std()
+
+
+def test_detail_gives_a_hole_its_grounds_texture_and_edges_give_none(rng):
+    """A ground of noise, and one of ramps between two greys, which has edges alone."""
+    noise = np.repeat(0.5 + 0.1 * rng.standard_normal((64, 64, 1)), 3, axis=-1)
+    edges = np.repeat(0.5 + 0.2 * np.sin(0.5 * np.mgrid[:64, :64][0])[..., None], 3, axis=-1)
+
+    added, there = lacking_detail(noise.clip(0, 1), detail=1)
+    assert 0.7 < added / there < 1.4  # bands are taken for a photograph's, see `LAPLACE`
+    assert lacking_detail(noise.clip(0, 1))[0] == pytest.approx(added / 2, rel=0.05)
+    marble, there = lacking_detail(edges, detail=1)
+    assert marble < 0.01 * there
+
+
+def test_clips_have_detail_only_where_it_is_asked_for():
+    assert TransportSettings().noise.noise == 0.5
+    assert TransportSettings().in_clips().noise.noise == 0
+    assert TransportSettings(detail=1.5).in_clips().noise.noise == 1.5
+
+
+def test_a_plate_of_arrays_takes_the_seed_and_the_default_of_clips(rng):
+    frame = frame_of(rng.random((24, 40, 3)), rng.random((24, 40)) < 0.4)
+
+    def first(seed, **parameters):
+        return create_method("coherence-transport", None, parameters).new_plate().fill(frame, seed)
+
+    alone = create_method("coherence-transport", None, {"detail": 0.0}).fill(frame, 3)
+    assert first(3).tobytes() == alone.tobytes()
+    assert first(3, detail=1.0).tobytes() != first(4, detail=1.0).tobytes()
+
+
+@pytest.mark.parametrize("key", ["share", "depth_threshold", "detail"])
 def test_a_setting_out_of_range_is_refused(key):
     with pytest.raises(InputError, match=f"{key} must lie in"):
         TransportSettings(**{key: -0.5})
@@ -278,18 +336,21 @@ def test_a_fovea_wider_than_the_frame_is_coherence_transport(rng):
 
 def test_far_from_the_gaze_the_fill_is_push_pull_depths(rng):
     frame = gazed_at(rng)
-    gaze = {"fovea_deg": 6, "gaze_x_deg": -3, "gaze_y_deg": 2}
+    gaze = {"fovea_deg": 6, "gaze_x_deg": -3, "gaze_y_deg": 2, "detail": 0}
     away = TransportSettings(**gaze).attention(frame.size) == 0
 
     found = fill(frame, **gaze)
 
     np.testing.assert_array_equal(found.colour[away], found.base[away])
     within = TransportSettings(**gaze).attention(frame.size) == 1
-    np.testing.assert_array_equal(found.colour[within], fill(frame).colour[within])
+    np.testing.assert_array_equal(found.colour[within], fill(frame, detail=0).colour[within])
     near = frame.hole & ~away
     assert (found.colour != found.base)[near].any(axis=-1).mean() > 0.9
     off = fill(frame, fovea_deg=6, gaze_x_deg=80)
     assert off.colour.tobytes() == off.base.tobytes()
+    found = fill(frame, **gaze | {"detail": 1}).colour
+    assert (found[away] == off.base[away]).all()
+    assert (found != fill(frame, **gaze).colour)[within].any()
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ class Filler:
         self._colours = [rng.random((*SIZE, 3), np.float32) for _ in range(5)]
         self.asked: list[np.ndarray] = []  # holes
 
-    def arrays(self, frame: WarpedFrame, _: np.ndarray | None = None) -> np.ndarray:
+    def arrays(self, frame: WarpedFrame, *_: object) -> np.ndarray:
         self.asked.append(frame.hole)
         return np.where(frame.hole[..., None], self._colours[len(self.asked) - 1], frame.colour)
 
