@@ -73,8 +73,14 @@ def main(argv: list[str]) -> int:
 
 
 def close_ups(tiles: list[tuple[str, drawing.Picture]]) -> drawing.Picture:
-    """The holes, our fill, a plain blur and the truth, in two crops at three times their size."""
-    shown = [("what the camera did not see", 0), ("metameric", 2), ("push-pull", 1), ("truth", -1)]
+    """The holes, a plain blur, our fills and the truth, in two crops at three times their size."""
+    shown = [
+        ("what the camera did not see", 0),
+        ("push-pull", 1),
+        ("metameric", 2),
+        ("coherence-transport", 4),
+        ("truth", -1),
+    ]
     return drawing.sheet(
         [
             (
@@ -86,7 +92,7 @@ def close_ups(tiles: list[tuple[str, drawing.Picture]]) -> drawing.Picture:
             for top, left in CROPS_AT
             for label, place in shown
         ],
-        columns=4,
+        columns=len(shown),
     )
 
 
