@@ -16,6 +16,11 @@ from protocols.limits import FIXED
 Pair = tuple[str, str]
 MOST_CONDITIONS = FIXED["conditions"].most
 
+MOST_IN_PAIRS = 8
+"""Conditions of which all pairs are compared, and by likelihood ratios where a model is mixed."""
+MEAN = "the mean of all"
+"""In place of a pair's second condition: with this each of more conditions is compared."""
+
 IN_CONDITION = " x condition"
 """After the name of a random effect: what a level adds to itself in one condition."""
 
@@ -75,6 +80,8 @@ def check_conditions(count: int) -> None:
 def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:
     """Return all pairs of conditions, or each with the one that others are compared with.
 
+    Of more than `MOST_IN_PAIRS` each is compared with that one, or the first, and with their mean.
+
     Raises
     ------
     ValueError
@@ -84,11 +91,14 @@ def pairs_of(names: Iterable[str], reference: str | None) -> list[Pair]:
     """
     known = list(names)
     check_conditions(len(known))
-    if reference is None:
+    many = len(known) > MOST_IN_PAIRS
+    if reference is None and not many:
         return list(combinations(known, 2))
+    reference = known[0] if reference is None else reference
     if reference not in known:
         raise ValueError(f"reference must be one of {known} (got {reference!r})")
-    return [(name, reference) for name in known if name != reference]
+    own = [(name, reference) for name in known if name != reference]
+    return own + [(name, MEAN) for name in known] * many
 
 
 ONE_SIDED = 0.1
@@ -254,18 +264,12 @@ def wald(
     """Compare conditions by their values (names,) and the covariance of these."""
     if not pairs:
         return []
-    place = {name: k for k, name in enumerate(names)}
-    first, second = (np.array([place[pair[side]] for pair in pairs]) for side in (0, 1))
-    units = np.eye(len(names))
-    gap = value[first] - value[second]
-    variance = covariance[first, first] + covariance[second, second]
-    variance = (variance - 2.0 * covariance[first, second]).clip(min=1e-300)
-    error = np.sqrt(variance)
-    df = [
-        crossed.df(units[one] - units[other], float(own))
-        for one, other, own in zip(first, second, variance, strict=True)
-    ]
-    return _compared(measure, pairs, gap, error, np.array(df), level)
+    units = dict(zip(names, np.eye(len(names)), strict=True))
+    units.setdefault(MEAN, np.full(len(names), 1.0 / len(names)))
+    weights = np.array([units[first] - units[second] for first, second in pairs])
+    variance = np.sum(weights @ covariance * weights, axis=1).clip(min=1e-300)
+    df = [crossed.df(own, float(one)) for own, one in zip(weights, variance, strict=True)]
+    return _compared(measure, pairs, weights @ value, np.sqrt(variance), np.array(df), level)
 
 
 def paired(measure: str, gaps: Sequence[tuple[Pair, Floats]], level: float) -> list[Difference]:

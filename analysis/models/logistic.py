@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.arrays import Floats, Ints
-from analysis.models.contrasts import Effect, between_df
+from analysis.models.contrasts import MOST_IN_PAIRS, Effect, between_df
 from analysis.models.curves.response import LOGIT, PROBIT, ResponseFunction
 from analysis.models.mixed.deviations import Deviation
 from analysis.models.mixed.formula import FormulaDesign, group_codes
@@ -399,7 +399,10 @@ def _mixed(
         influence = zip(back @ np.linalg.pinv(design), errors, strict=True)
         df = [between_df(own, effects, float(error) ** 2) for own, error in influence]
     table = _table(terms, back @ solution.beta, errors, df, inference.level)
-    if solution.converged:
+    many = len(terms) > 1 + MOST_IN_PAIRS
+    if many:
+        found.append(f"more than {MOST_IN_PAIRS} terms: Wald's statistics judge them")
+    if solution.converged and not many:
         trial_groups = tuple(zip(codes, times, strict=True))
         table = tuple(
             _by_ratio(row, own, model, trial_groups, solution, inference)

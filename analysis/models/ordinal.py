@@ -14,6 +14,7 @@ from analysis.arrays import Floats, Ints
 from analysis.models.cells import checked, grid, numbered, one_condition
 from analysis.models.contrasts import (
     IN_CONDITION,
+    MOST_IN_PAIRS,
     CrossedDesign,
     Difference,
     Pair,
@@ -478,17 +479,12 @@ class _Trials:
 
 
 def _rating_difference(
-    trials: _Trials, fit: CumulativeFit, gap: Difference, weights: Floats, inference: Inference
+    trials: _Trials, fit: CumulativeFit, gap: Difference, inference: Inference
 ) -> RatingDifference:
     """Return a difference, judged by t or by drawing ratings from the model where it is 0.
 
-    Wald's p and limits stay where the likelihood has no proper maximum; what ratings do not
-    identify has no numbers.
-
-    Parameters
-    ----------
-    weights : ndarray (conditions - 1,)
-        Of the coefficients in the difference.
+    Wald's p and limits stay where the likelihood has no proper maximum, and of many conditions;
+    what ratings do not identify has no numbers.
     """
     if not _told(gap.difference, gap.standard_error):
         gap = unidentified(gap)
@@ -497,8 +493,11 @@ def _rating_difference(
         gap.first, gap.second, gap.difference, gap.lower, gap.upper, gap.level, gap.df, gap.p,
         gap.p_adjusted, higher, gap.t,
     )  # fmt: skip
-    if math.isnan(gap.difference):
+    names = list(trials.given)
+    if math.isnan(gap.difference) or len(names) > MOST_IN_PAIRS:
         return plain
+    first, second = np.eye(len(names))[[names.index(gap.first), names.index(gap.second)]]
+    weights = (first - second)[1:]
     held = HeldContrast(fit.maximum, weights)
 
     def drawn(rng: np.random.Generator) -> float:
@@ -537,14 +536,10 @@ def _model(
     inference: Inference,
 ) -> RatingModel:
     names, level = list(trials.given), inference.level
-    units = np.eye(len(names))
     tested = [
-        _rating_difference(
-            trials, fit, gap, (units[names.index(gap.first)] - units[names.index(gap.second)])[1:],
-            inference,
-        )
+        _rating_difference(trials, fit, gap, inference)
         for gap in wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
-    ]  # fmt: skip
+    ]
     errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
     located = np.concatenate([fit.theta, fit.beta])
     return RatingModel(

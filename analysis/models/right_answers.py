@@ -1,7 +1,7 @@
 """Rates of right answers: shares with limits and tests against chance, by condition."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from analysis.models.clustered import (
     two_way_difference,
     two_way_influence,
 )
-from analysis.models.contrasts import Difference, pairs_of
+from analysis.models.contrasts import MEAN, Difference, pairs_of
 from analysis.models.numeric import exact_binomial
 from analysis.showable import two_scenes
 from protocols.errors import count_of
@@ -179,6 +179,21 @@ class Influence:
         )
 
 
+def mean_influence(several: Collection[Influence]) -> Influence:
+    """Return the mean of estimates on one grid."""
+    value, cells, shown, least = (
+        np.array([getattr(one, name) for one in several])
+        for name in ("value", "cells", "shown", "least")
+    )
+    return Influence(
+        value.mean(axis=0),
+        cells.mean(axis=0),
+        shown.sum(axis=0),
+        least.mean(axis=0) / len(several),
+        max(one.most for one in several),
+    )
+
+
 def share_influence(happened: Floats, shown: Floats) -> Influence:
     """Return the influence of cells on a share; a rate of 0 or 1 keeps half a trial's variance."""
     count, total = happened.sum(axis=(-2, -1)), shown.sum(axis=(-2, -1))
@@ -200,8 +215,9 @@ def contrasts(
     level: float = 0.95,
 ) -> tuple[Difference, ...]:
     """Compare conditions counted on one grid; limits end at the largest difference of shares."""
-    found = []
-    for first, second in pairs_of(moved, reference):
+    found, pairs = [], pairs_of(moved, reference)
+    moved = {MEAN: mean_influence(moved.values()), **moved}
+    for first, second in pairs:
         gap = moved[first].less(moved[second])
         lower, upper = np.clip(gap.limits(level), -moved[first].most, moved[first].most)
         found.append((first, second, gap, float(lower), float(upper), float(gap.p_value())))

@@ -30,10 +30,13 @@ from analysis.parts.shared import (
     between,
     compared,
     decides,
+    draws_of,
+    many,
     mean_differences_p,
     pairs_in,
     ratio_told,
     sd_text,
+    tests_of,
 )
 from analysis.plans.rating_plan import RatingPlan
 from analysis.plots.tasks import ratings_plot
@@ -162,6 +165,7 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
         own = [one.p for one in model.contrasts]
         first = model.contrasts[min(range(len(own)), key=lambda k: (math.isnan(own[k]), own[k]))]
         count = sum(decides(one, plan) < plan.alpha for one in model.contrasts)
+        draws = draws_of(model.contrasts, plan)
         differ = f"{count} of {len(own)} comparisons differ"
         if len(own) < 2:
             differ = "They differ" if count else "No difference is shown"
@@ -173,17 +177,17 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
             lead=(
                 Box(
                     "Clearest comparison",
-                    apa_rating(first, model, plan.bootstrap_draws),
+                    apa_rating(first, model, draws),
                     f"{differ},"
-                    f" two-sided{', Holm-adjusted' * (holm and len(own) > 1)}, by likelihood"
-                    " ratio.",
+                    f" two-sided{', Holm-adjusted' * (holm and len(own) > 1)}, by"
+                    f" {tests_of(model.contrasts).partition(',')[0]}.",
                 ),
             ),
-            headline=apa_rating(first, model, plan.bootstrap_draws),
+            headline=apa_rating(first, model, draws),
             blocks=_blocks(model, places, plan),
             further=(Section("people", "Participants", "Participants", _people(found)),),
             sentences=(
-                *(apa_rating(one, model, plan.bootstrap_draws) for one in model.contrasts),
+                *(apa_rating(one, model, draws) for one in model.contrasts),
                 *contrast_sentences(model.margins, plan, _unit(model)),
             ),
             methods=_methods(found, plan),
@@ -205,7 +209,8 @@ def _family(count: int, plan: RatingPlan) -> FamilyOfTests:
 
 def apa_rating(one: RatingDifference, model: RatingModel, draws: int = 0) -> str:
     """Return a sentence on how much higher one condition is rated."""
-    law = f"likelihood ratio, cumulative {model.link} mixed model"
+    law = "likelihood ratio, " * (not many(model.contrasts))
+    law += f"cumulative {model.link} mixed model"
     if math.isnan(one.difference):
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     apart = by_how_much(one, one.difference, _unit(model), ("above", "below"))
@@ -233,8 +238,8 @@ def _methods(found: RatingResults, plan: RatingPlan) -> str:
     return (
         f"Answers are {kind} on {len(model.categories)} categories, analysed by a cumulative-link"
         f" mixed model ({model.link}; McCullagh, 1980; Laplace approximation), random over"
-        f" {', '.join(model.sd)}. Differences have p and limits by likelihood ratios,"
-        f" whose roots are {law} degrees of freedom, two-sided, alpha ="
+        f" {', '.join(model.sd)}. Differences have p and limits by"
+        f" {tests_of(model.contrasts)} are {law} degrees of freedom, two-sided, alpha ="
         f" {leading(f'{plan.alpha:g}')}{over}."
     )
 
@@ -283,7 +288,7 @@ def _blocks(
         "Ratings cut a latent axis at thresholds (cumulative-link mixed model). Place: where a"
         f" condition lies on it. Random, SD: {sd_text(model.sd)}. Rated higher: the chance that one"
         " showing of the first is rated above one of the second by the same person, on the axis,"
-        f" where nothing ties. {ratio_told(plan)}"
+        f" where nothing ties. {ratio_told(model.contrasts, plan)}"
     )
     if pairs:
         told += (

@@ -122,9 +122,10 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
                     f" {' and '.join(groups)}; the third has"
                     f" {'them ' * (len(groups) > 1)}{random} random intercepts and lets effects"
                     f" differ between them ({law_of_mixed(scenes=len(groups) > 1)}), and so speaks"
-                    f" of the typical {groups[0]}. Its statistic is the root of the"
-                    f" likelihood ratio without the term{bootstrapped(plan.bootstrap_draws)}, which"
-                    " errs less often than Wald's.",
+                    f" of the typical {groups[0]}."
+                    + f" Its statistic is the root of the likelihood ratio without the term"
+                    f"{bootstrapped(plan.bootstrap_draws)}, which errs less often than Wald's."
+                    * any(one.by_ratio for one in found.mixed.coefficients),
                     muted=True,
                 ),
                 *means_table(

@@ -13,7 +13,7 @@ from analysis.answers import SimulatedAnswers
 from analysis.arrays import Bools, Floats
 from analysis.models.cells import grid
 from analysis.models.clustered import holm, two_way_of_first
-from analysis.models.contrasts import Difference, pairs_of
+from analysis.models.contrasts import MEAN, Difference, pairs_of
 from analysis.models.detection import (
     Discrimination,
     DiscriminationResults,
@@ -26,7 +26,7 @@ from analysis.models.detection import (
 )
 from analysis.models.logistic import ModelFit, glmm_probit
 from analysis.models.mixed.inference import Inference
-from analysis.models.right_answers import Influence, Rate, rate, share_influence
+from analysis.models.right_answers import Influence, Rate, mean_influence, rate, share_influence
 from analysis.parts import Estimate, PartFigure, Presentation, SimplePart, Tests, tried
 from analysis.parts.correct import answers_in, clusters, rate_table, respected
 from analysis.parts.shared import (
@@ -301,6 +301,7 @@ def _planned(
         if len(moved) == 1:
             return np.stack([one.estimate().p_value() for one in moved.values()], axis=-1)
         pairs = pairs_of(moved, plan.reference_in(list(moved)))
+        moved[MEAN] = mean_influence(moved.values())
         return np.stack([moved[a].less(moved[b]).p_value() for a, b in pairs], axis=-1)
 
     p = np.stack([tested(count) for count in people], axis=1)

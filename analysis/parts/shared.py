@@ -10,7 +10,13 @@ import pandas as pd
 from analysis.answers import SimulatedAnswers
 from analysis.arrays import Floats
 from analysis.models.clustered import holm
-from analysis.models.contrasts import Difference, crossed_means_p, pairs_of
+from analysis.models.contrasts import (
+    MEAN,
+    MOST_IN_PAIRS,
+    Difference,
+    crossed_means_p,
+    pairs_of,
+)
 from analysis.models.detection import Measure
 from analysis.models.mixed.reaction_model import TimeRatio
 from analysis.models.ordinal import RatingDifference
@@ -38,7 +44,7 @@ from analysis.report.wording import (
     t_text,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Block, Cautions, grouped
+from protocols.blocks import Block, Cautions, Paragraph, grouped
 
 G = TypeVar("G")
 T = TypeVar("T")
@@ -67,8 +73,35 @@ def decides(one: Comparison, plan: RatePlan | RatingPlan) -> float:
     return one.p_adjusted if plan.correction == "holm" else one.p
 
 
-def ratio_told(plan: AnalysisPlan) -> str:
-    """Return the meaning of likelihood ratios of a mixed model, for a paragraph below a table."""
+def many(found: Sequence[Comparison]) -> bool:
+    """Return True if conditions are so many that Wald's statistics judge them."""
+    return any(one.second == MEAN for one in found)
+
+
+def draws_of(found: Sequence[Comparison], plan: AnalysisPlan) -> int:
+    """Return the draws of the bootstrap by which a mixed model's comparisons have p; 0: none."""
+    return 0 if many(found) else plan.bootstrap_draws
+
+
+def tests_of(found: Sequence[Comparison]) -> str:
+    """Return the tests of a mixed model's comparisons, for a paragraph on methods."""
+    return "Wald's statistics, which" if many(found) else "likelihood ratios, whose roots"
+
+
+def many_told(found: Sequence[Comparison], plan: AnalysisPlan) -> str:
+    """Return the comparisons of many conditions in words; empty where they are few."""
+    if not many(found):
+        return ""
+    return (
+        f"Of more than {MOST_IN_PAIRS} conditions each is compared with"
+        f" {plan.label(found[0].second)} and with {MEAN}, and with no other."
+    )
+
+
+def ratio_told(found: Sequence[Comparison], plan: AnalysisPlan) -> str:
+    """Return the meaning of tests of a mixed model, for a paragraph below a table."""
+    if told := many_told(found, plan):
+        return f"{told} p and limits: Wald's."
     return (
         "p and limits: of the likelihood ratio against each value of the difference"
         f"{bootstrapped(plan.bootstrap_draws) or ', whose root is judged by t'}."
@@ -161,7 +194,9 @@ def difference_tables(
         *TESTED,
     )
     held = grouped([(between(one, plan), (one.held,) if one.held else ()) for one in found])
-    return table.block(), Cautions("About these differences", held)
+    told = many_told(found, plan)
+    more = (Paragraph(told, muted=True),) if told else ()
+    return table.block(), *more, Cautions("About these differences", held)
 
 
 def apa_difference(one: Difference, label: Callable[[str], str] = str) -> str:
@@ -223,6 +258,7 @@ def mean_differences_p(
         total, shown = scored.grid((names == name).to_numpy(), by_scene=True)
         means[name] = np.where(shown > 0, total / np.maximum(shown, 1.0), np.nan)
     pairs = pairs_in(scored.cells, plan)
+    means[MEAN] = np.mean([*means.values()], axis=0)
     each = [
         [crossed_means_p((means[one] - means[other])[:, :count]) for one, other in pairs]
         for count in people

@@ -22,11 +22,14 @@ from analysis.parts.margins import (
 from analysis.parts.shared import (
     apa_test,
     compared,
+    draws_of,
     law_of_mixed,
+    many,
     mean_differences_p,
     pairs_in,
     ratio_told,
     sd_text,
+    tests_of,
 )
 from analysis.plots import reaction_plot
 from analysis.repeat import scripts
@@ -48,8 +51,6 @@ from analysis.report.wording import (
 )
 from analysis.showable import FamilyOfTests
 from protocols.blocks import Block, Cautions, FigurePlace, Paragraph
-
-_LAW = "likelihood ratio, log-normal mixed model"
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,7 @@ def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
     yield from contrasts_table(model.margins, plan, "ratio of times", exponent)
     yield Paragraph(
         f"Typical: the median answer of the median person. SD of ln s: {sd_text(sd)}. p adj.:"
-        f" Holm. {ratio_told(plan)}",
+        f" Holm. {ratio_told(model.ratios, plan)}",
         muted=True,
     )
     yield Cautions("When not to trust this model of times", model.warnings)
@@ -209,7 +210,9 @@ def _sentences(found: Times, plan: AnalysisPlan) -> Iterator[str]:
                 f" {level_text(plan.confidence)} {number_range(one.lower, one.upper)}"
             )
         yield f"{text}."
-    for ratio in found.model.ratios if found.model else ():
+    ratios = found.model.ratios if found.model else ()
+    law = "likelihood ratio, " * (not many(ratios)) + "log-normal mixed model"
+    for ratio in ratios:
         first, second = label(ratio.first), label(ratio.second)
         if math.isnan(ratio.ratio):
             yield f"How long answers to {first} took against {second} is {NOT_IDENTIFIED}."
@@ -217,7 +220,7 @@ def _sentences(found: Times, plan: AnalysisPlan) -> Iterator[str]:
         yield (
             f"Answers to {first} took {placed(ratio, ratio.ratio)} times as long as those to"
             f" {second}, {level_text(ratio.level)} {number_range(ratio.lower, ratio.upper)},"
-            f" {apa_test(ratio, _LAW, plan.bootstrap_draws)}."
+            f" {apa_test(ratio, law, draws_of(ratios, plan))}."
         )
     if found.model:
         unit = "times as long"
@@ -233,8 +236,7 @@ def _methods(found: Times) -> Iterator[str]:
         yield (
             "Their logarithms were also fitted by a linear mixed model (REML), random over"
             f" {', '.join(_deviations(found.model))}; ratios are judged, and have limits, by"
-            " likelihood ratios (maximum likelihood), whose roots are"
-            f" {law_of_mixed(scenes=found.model.scenes > 1)}"
+            f" {tests_of(found.model.ratios)} are {law_of_mixed(scenes=found.model.scenes > 1)}"
             f"{', Holm-adjusted' * (len(found.model.ratios) > 1)}."
         )
 

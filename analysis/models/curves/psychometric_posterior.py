@@ -6,13 +6,14 @@ functions for (potentially) overdispersed data", Vision Research 122, 105-123), 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.special import betaln, expit, log_expit, logit
 
 from analysis.arrays import Floats
 from analysis.models.clustered import holm
-from analysis.models.contrasts import pairs_of
+from analysis.models.contrasts import check_conditions
 from analysis.models.curves.response import axis_of
 from analysis.models.numeric import ROUNDING, zeroed
 from analysis.models.psychometric import TWO_ALTERNATIVES, CurveForm
@@ -288,7 +289,8 @@ def compare_thresholds(
     """
     if len(fits) < 2:
         raise ValueError("two fits or more are needed to compare thresholds")
-    pairs = pairs_of(fits, None)
+    check_conditions(len(fits))
+    pairs = list(combinations(fits, 2))
     first_fit = next(iter(fits.values()))
     if any(
         (fit.logarithmic, fit.level) != (first_fit.logarithmic, first_fit.level)

@@ -1,6 +1,5 @@
 """Reaction times as a log-normal mixed model: what conditions change, over people and scenes."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -11,6 +10,7 @@ from analysis.arrays import Floats, Ints
 from analysis.models.cells import TrialGrid, checked, grid, numbered
 from analysis.models.contrasts import (
     IN_CONDITION,
+    MOST_IN_PAIRS,
     CrossedDesign,
     Difference,
     absorbing,
@@ -157,9 +157,12 @@ def time_model(
     df = [crossed.df(unit, own**2) for unit, own in zip(np.eye(len(names)), error, strict=True)]
     reach = two_sided_quantile(level, df) * error
     gaps = wald("ln s", names, pairs, beta, covariance, crossed=crossed, level=level)
-    likeliest = _likeliest(design, y, effects, fit) if gaps else fit
+    many = len(names) > MOST_IN_PAIRS
+    likeliest = fit if many or not gaps else _likeliest(design, y, effects, fit)
     tested = [
-        _time_ratio(
+        _by_wald(gap)
+        if many
+        else _time_ratio(
             _HeldGap(design, y, effects, likeliest,
                      (names.index(gap.first), names.index(gap.second))),
             gap, inference,
@@ -253,11 +256,14 @@ def _time_ratio(held: _HeldGap, gap: Difference, inference: Inference) -> TimeRa
         lambda value: held.at(value).log_likelihood, held.near.log_likelihood,
         gap.difference, gap.standard_error, gap.df, inference.level, draws,
     )  # fmt: skip
-    ratio, lower, upper = np.exp([gap.difference, found.lower, found.upper]).tolist()
-    return TimeRatio(
-        gap.first, gap.second, ratio, lower, upper, gap.level, gap.df,
-        found.p, math.nan, found.root,
-    )  # fmt: skip
+    judged = replace(gap, lower=found.lower, upper=found.upper, p=found.p)
+    return replace(_by_wald(judged), t=found.root)
+
+
+def _by_wald(gap: Difference) -> TimeRatio:
+    ratio, lower, upper = np.exp([gap.difference, gap.lower, gap.upper]).tolist()
+    tested = gap.df, gap.p, gap.p_adjusted, gap.t
+    return TimeRatio(gap.first, gap.second, ratio, lower, upper, gap.level, *tested)
 
 
 def _likeliest(
