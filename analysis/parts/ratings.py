@@ -363,8 +363,9 @@ def _scripts(model: RatingModel, plan: RatingPlan) -> dict[str, str]:
     if all(math.isnan(one.place) for one in model.conditions[1:]):
         return {}
     languages = ("py",) if _many(model) else ("R", "py")  # clmm takes minutes, and finds no maximum
+    effects, draws = lme4_effects(model.sd), plan.bootstrap_draws
     return scripts(
-        "ratings", *languages, by=[plan.by], link=model.link, effects=lme4_effects(model.sd)
+        "ratings", *languages, by=[plan.by], link=model.link, effects=effects, draws=draws
     )
 
 

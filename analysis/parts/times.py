@@ -242,21 +242,16 @@ def _methods(found: Times) -> Iterator[str]:
 
 
 def _scripts(model: TimeModel, plan: AnalysisPlan) -> dict[str, str]:
-    """Return scripts that repeat the model; an effect whose variance is 0 is none."""
-    deviations = {
-        ("participant",): model.participant_sd,
-        ("participant", "condition"): model.interaction_sd,
-        ("scene",): model.scene_sd,
-        ("scene", "condition"): model.scene_interaction_sd,
-    }
-    groups = [list(group) for group, sd in deviations.items() if sd > NO_SPREAD]
-    groups = groups or [["participant"]]
+    """Return scripts that repeat the model; in Python an effect whose variance is 0 is none."""
+    groups = {name: name.split(" x ") for name in model.sd}
+    some = [groups[name] for name, sd in model.sd.items() if sd > NO_SPREAD]
     return scripts(
         "times",
         *("R", "py"),
         by=list(plan.compared_columns),
-        effects=[f"(1 | {':'.join(group)})" for group in groups],
-        groups=groups,
+        effects=[f"(1 | {':'.join(group)})" for group in groups.values()],
+        groups=some or [["participant"]],
+        draws=plan.bootstrap_draws,
     )
 
 
