@@ -5,13 +5,11 @@ import dataclasses
 import math
 import os
 import random
-import time
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from attack.kills import disturbed_at_write, in_a_child
 from gaze_persistence import persistence_s
 
 from protocols.disk.hashing import sha256_bytes, sha256_file
@@ -23,7 +21,6 @@ from protocols.journal import (
     Break,
     Consent,
     Pause,
-    SessionEnd,
     SessionResume,
     Withdrawal,
     event_line,
@@ -35,7 +32,7 @@ from protocols.phases import ITI
 from protocols.plan import make_plan
 from protocols.script import Frames
 from protocols.study_file.schema import StudyProtocol
-from study_app.attempt import AttemptLog, GazeWatcher, run_attempt
+from study_app.attempt import GazeWatcher, run_attempt
 from study_app.conduct import conduct
 from study_app.gaze.fixation import FixationMonitor
 from study_app.gaze.open_source import ReplaySource
@@ -43,7 +40,6 @@ from study_app.gaze.recording import load_recording
 from study_app.gaze.simulated import STEADY, GazeBehaviour, GazeEvent, SimulatedGaze
 from study_app.observers import ArtificialObserver, PreferenceModel
 from study_app.opening import begin, resume
-from study_app.recorder import DiskError, Recorder
 from study_app.session import remaining
 from study_app.session_folders import find_sessions, next_slot
 from study_app.simulate import SimulatedStudy, simulate_session, simulate_study
@@ -75,16 +71,6 @@ RESTLESS = GazeBehaviour(away_per_s=0.25, blink_per_s=0.3, loss_per_s=0.05)
 
 def simulation(protocol=SHORT, **fields) -> SimulatedStudy:
     return SimulatedStudy(protocol, FHD, **({"gaze": STEADY} | fields))
-
-
-def facts(attempts) -> list[tuple[object, ...]]:
-    """Decisions of a session, without its clocks."""
-    return [
-        (a.trial, a.attempt, a.position, a.outcome, a.void_reason, a.condition, a.stimulus_names,
-         a.answer, a.key,
-         a.dropped, a.rt_s if a.rt_s is None else round(a.rt_s, 4))
-        for a in attempts
-    ]  # fmt: skip
 
 
 def journal_of(root: Path, participant: str = "S001"):
@@ -287,20 +273,6 @@ def test_quit_wins_over_pause_and_both_are_remembered():
 
     assert result.trial.void_reason == "quit"
     assert result.interrupts == ("quit",)
-
-
-def test_every_kind_of_injected_fault_reaches_the_flip_log(tmp_path):
-    sim = simulation(NO_GAZE, missed_per_flip=0.01, late_per_flip=0.02, doubled_per_flip=0.03)
-    simulate_session(sim, tmp_path, "S001")
-    kinds: Counter[str] = Counter()
-    for path in sorted((tmp_path / "demo" / "S001" / "flips").iterdir()):
-        with path.open() as file:
-            kinds.update(row["kind"] for row in csv.DictReader(file))
-
-    assert set(kinds) == {"first", "on-time", "late", "missed", "doubled"}
-    flips = sum(kinds.values())
-    for kind, share in (("missed", 0.01), ("late", 0.02), ("doubled", 0.03)):
-        assert abs(kinds[kind] - share * flips) < 5 * math.sqrt(share * flips)
 
 
 def test_a_trial_is_given_up_after_the_allowed_attempts(tmp_path):
@@ -528,56 +500,6 @@ def test_presented_is_planned_over_random_protocols(proof_count):
 
 
 # --- killed, resumed -----------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_killed_sessions_lose_nothing_double_nothing_and_keep_their_order(tmp_path, proof_count):
-    """SIGKILL at random times and at random writes; every session goes on to the end."""
-    tiny = changed(SHORT, design={"repeats": 1})
-    sim = simulation(tiny, gaze=RESTLESS, seed=3)
-    began = time.perf_counter()
-    simulate_session(sim, tmp_path / "whole", "S001")
-    lasts_s = time.perf_counter() - began
-    undisturbed = journal_of(tmp_path / "whole")
-    assert any(a.outcome == "void" for a in undisturbed.attempts)
-    chance = random.Random(2026)
-    kills, session = 0, 0
-    while kills < proof_count(200):
-        root = tmp_path / f"killed-{session}"
-        session += 1
-        saved = b""
-        for _ in range(3):  # several kills in one session
-            kills += 1
-            if kills % 2:
-                in_a_child(
-                    lambda: simulate_session(sim, root, "S001"),  # noqa: B023
-                    kill_after_s=chance.uniform(0.0, lasts_s),
-                )
-            else:
-                point, part = chance.randint(1, 70), chance.random()
-
-                def work(root=root, point=point, part=part):
-                    disturbed_at_write(point, part)
-                    simulate_session(sim, root, "S001")
-
-                in_a_child(work)
-            path = root / SHORT.study.name / "S001" / "journal.jsonl"
-            if not path.exists():
-                continue
-            written = path.read_bytes()
-            assert written.startswith(saved)  # what was saved before is still there
-            saved = written[: written.rfind(b"\n") + 1]
-        simulate_study(sim, root, 1)
-        journal = journal_of(root)
-        assert journal.path.read_bytes().startswith(saved)
-        assert facts(journal.attempts) == facts(undisturbed.attempts)
-        assert journal.start.plan_sha256 == undisturbed.start.plan_sha256
-        assert [e.n for e in journal.events] == list(range(len(journal.events)))
-        assert isinstance(journal.events[-1], SessionEnd)
-        for attempt in journal.attempts:
-            for side in (attempt.gaze_file, attempt.flips_file):
-                assert side is None or sha256_file(journal.path.parent / side.file) == side.sha256
 
 
 def test_a_session_that_was_quit_goes_on_where_it_stopped(tmp_path):
@@ -816,49 +738,3 @@ def test_a_resumed_session_must_be_what_it_was(tmp_path):
     assert journal_of(tmp_path, "P1").events[:-1] == before
     with pytest.raises(StudyError, match="there is no journal"):
         resume(sim.setup(tmp_path, start_clock, "P2"), stage, None)
-
-
-def test_a_full_disk_stops_the_session_at_its_last_complete_trial(tmp_path, monkeypatch):
-    sim = simulation()
-    real = Recorder.side_file
-    written = []
-
-    def full(self, stem, suffix, data):
-        if len(written) == 20:
-            raise DiskError(f"{self.folder}: the disk refused a write (No space left on device)")
-        written.append(stem)
-        return real(self, stem, suffix, data)
-
-    monkeypatch.setattr(Recorder, "side_file", full)
-    with pytest.raises(DiskError, match="No space left"):
-        simulate_session(sim, tmp_path, "S001")
-    monkeypatch.undo()
-    stopped = journal_of(tmp_path)
-    assert len(stopped.attempts) == 10  # two side files each
-
-    assert simulate_session(sim, tmp_path, "S001").main_done == 24
-    journal = journal_of(tmp_path)
-    assert journal.events[: len(stopped.events)] == stopped.events
-
-
-def test_a_log_is_made_without_touching_the_disk(monkeypatch):
-    """Between the flips of an attempt no file is opened, written or synced."""
-    protocol = NO_GAZE
-    plan = make_plan(protocol, virtual_manifest(protocol, FHD), "P1", 0)
-    observer = ArtificialObserver(PreferenceModel(), protocol.response, 0, "P1")
-    stage = VirtualStage(VirtualClock(), 60.0, observer)
-    script = script_of(protocol, FHD, plan.trials[0])
-    stage.prepare(plan.trials[0], script, 1)
-    touched, seen = [], []
-    for name in ("open", "write", "fsync"):
-        monkeypatch.setattr(os, name, lambda *_a, name=name: touched.append(name))
-    monkeypatch.setattr("builtins.open", lambda *_a, **_k: touched.append("open"))
-
-    def outcome(trial, _log: AttemptLog):
-        seen.append((script.phases[trial.phase].name, list(touched)))
-
-    result = run_attempt(script, stage, None, outcome)
-    monkeypatch.undo()
-    assert result.trial.completed
-    assert seen == [(ITI, [])]
-    assert not touched

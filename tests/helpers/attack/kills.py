@@ -5,7 +5,6 @@ import os
 import random
 import re
 import signal
-import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -186,8 +185,8 @@ def told(attempts: tuple[Attempt, ...]) -> list[tuple[object, ...]]:
     ]  # fmt: skip
 
 
-def in_a_child(work: Callable[[], object], *, kill_after_s: float | None = None) -> int:
-    """Do `work` in a forked process, killed after a time if it still runs; return its status."""
+def in_a_child(work: Callable[[], object]) -> int:
+    """Do `work` in a forked process; return its status."""
     child = os.fork()
     if child == 0:
         status = 0
@@ -199,9 +198,6 @@ def in_a_child(work: Callable[[], object], *, kill_after_s: float | None = None)
             status = 1
         finally:
             os._exit(status)
-    if kill_after_s is not None:
-        time.sleep(kill_after_s)
-        os.kill(child, signal.SIGKILL)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 

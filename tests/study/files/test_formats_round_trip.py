@@ -28,11 +28,11 @@ from protocols.formats.format_reference import (
     schema_text,
 )
 from protocols.journal import EVENT, Attempt, event_line
-from protocols.journal_file import find_journals, read_journal
+from protocols.journal_file import read_journal
 from protocols.load import load_display, load_protocol, shipped
 from protocols.manifest import Clip, Manifest, cache_key, frame_path, read_manifest, write_manifest
 from protocols.recipes.files import Files
-from protocols.recipes.warped_clips import ClipName, WarpedClips
+from protocols.recipes.warped_clips import ClipName
 from protocols.study_file.schema import StudyProtocol
 from protocols.study_file.session_schema import Design, Gaze, Practice, Response, TrialTiming
 from protocols.tasks.task_kinds import TASKS
@@ -289,12 +289,6 @@ def test_sections_survive_plain_data(model):
     survives()
 
 
-def test_the_section_of_warped_clips_survives_plain_data():
-    made = load_protocol(Path("demo")).warped  # whole frames are rare among random numbers
-
-    assert TypeAdapter(WarpedClips).validate_json(canonical_json(made)) == made
-
-
 @pytest.mark.parametrize("name", sorted(shipped("studies")))
 def test_shipped_studies_survive_json_and_fit_the_published_schema(name):
     protocol = load_protocol(shipped("studies")[name])
@@ -383,17 +377,6 @@ def test_a_journal_reads_back_and_a_torn_last_line_is_told_apart(tmp_path):
         assert read.events == ((note, later) if whole else (note,))
         assert read.torn == (b"" if whole else lines[len(event_line(note)) : length])
         assert read.ends_open == (length == len(lines) - 1)
-
-
-def test_the_sample_sessions_are_two_complete_simulated_journals(sample_sessions):
-    journals = [read_journal(path) for path in find_journals(sample_sessions)]
-
-    assert [read.start.participant for read in journals] == ["S001", "S002"]
-    for read in journals:
-        assert read.start.simulated
-        done = [a for a in read.attempts if a.outcome == "completed"]
-        assert sum(a.role == "main" for a in done) == read.start.trials == 24
-        assert all(a.condition[a.expected] == "reference" for a in done if a.role == "catch")
 
 
 @pytest.mark.parametrize("name", schema_names())

@@ -62,17 +62,6 @@ def test_a_checksum_is_the_hash_of_the_one_before_and_of_the_line_without_its_ow
     assert (line_sum(line), due(line[:-1], first_link(b""))) == (first.chain, first.chain)
 
 
-def test_every_line_of_a_new_journal_has_its_checksum(sample_sessions):
-    for session in find_sessions(sample_sessions):
-        before = first_link(b"")
-        assert session.journal.unchecked == 0
-        for event, line in zip(
-            session.journal.events, session.journal.path.read_bytes().splitlines(), strict=True
-        ):
-            assert due(line, before) == event.chain
-            before = event.chain
-
-
 def test_no_change_of_one_byte_is_accepted(sessions, proof_count):
     """All that an analysis still takes from the journal is what was written."""
     path = journal_path(sessions)

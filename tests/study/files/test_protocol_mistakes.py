@@ -104,23 +104,6 @@ def test_a_mistake_is_told_with_place_value_and_cure(mistakes, old, new, message
     assert message in mistakes((old, new))
 
 
-def test_every_mistake_is_told_at_once(mistakes):
-    lines = mistakes(
-        ("gap_s = 0.5", "gap_ms = 500"),
-        ("window_deg = 1.5", "window_deg = -1.5"),
-        ("repeats = 2", 'repeats = "two"'),
-        ('name = "large"', 'name = "small"'),  # a mistake between entries
-        ('first = "erstes"', "first = 1"),
-    )
-
-    assert len(lines) == 5
-    for place in (
-        "design.repeats:", "task.gap_ms:", "gaze.window_deg:", "stimuli.sizes[1].name:",
-        "text.languages.de.answers.first:",
-    ):  # fmt: skip
-        assert sum(line.startswith(place) for line in lines) == 1, place
-
-
 def test_of_very_many_mistakes_the_first_are_told_and_the_rest_counted(mistakes):
     lines = mistakes(("gap_s = 0.5", "\n".join(f"gap_{n} = 1" for n in range(700))))
     assert sum(": unknown key" in line for line in lines) == 150

@@ -100,17 +100,6 @@ def test_a_damaged_line_stops_a_session_and_is_named_for_an_analysis(tmp_path, c
     assert recorder.path.read_bytes() == b"".join(lines)
 
 
-def test_a_missing_line_is_noticed(tmp_path, clock):
-    with begin(tmp_path, clock) as recorder:
-        for text in ("a", "b", "c"):
-            note(recorder, text)
-    lines = recorder.path.read_bytes().splitlines(keepends=True)
-    recorder.path.write_bytes(lines[0] + lines[2])
-
-    with pytest.raises(StudyError, match=r"line 2: n must be 1 \(got 2\): a line is missing"):
-        read_journal(recorder.path)
-
-
 def test_side_files_are_whole_hashed_and_never_written_over(tmp_path, clock):
     with begin(tmp_path, clock) as recorder:
         first = recorder.side_file("gaze/0001", ".csv", b"one")

@@ -160,16 +160,6 @@ def test_a_replacement_that_cannot_be_moved_puts_the_earlier_result_back(tmp_pat
     assert snapshot(tmp_path) == before
 
 
-def test_an_interrupted_replacement_keeps_the_earlier_result(tmp_path):
-    out = earlier(tmp_path / "out")
-    before = snapshot(tmp_path)
-
-    with pytest.raises(RuntimeError), whole_folder(out, replace=True):
-        raise RuntimeError
-
-    assert snapshot(tmp_path) == before
-
-
 def put(name: str):
     def change(out: Path) -> None:
         (out / name).parent.mkdir(exist_ok=True)

@@ -69,13 +69,6 @@ def test_a_look_away_is_decided_within_a_frame_and_a_sample_after_the_rule(rate_
     assert decided_s <= at_s + rule_s + 1 / 60 + 1 / rate_hz + LATE_S
 
 
-def test_the_rule_s_own_length_counts_whole_samples():
-    """20 ms and two samples: 2 intervals at 60 Hz (33 ms), 5 at 250 Hz (20 ms)."""
-    assert persistence_s(RULES, 60.0) == pytest.approx(2 / 60)
-    assert persistence_s(RULES, 250.0) == pytest.approx(0.020)
-    assert persistence_s(RULES, 1000.0) == pytest.approx(0.020)
-
-
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 @pytest.mark.parametrize("seed", range(6))
 def test_blinks_up_to_the_limit_never_void(rate_hz, seed):

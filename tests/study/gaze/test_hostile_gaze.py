@@ -8,7 +8,6 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from analysis.export.bids_gaze import read_samples
 from protocols.display import Viewing
 from protocols.journal import Note, SessionEnd
 from protocols.journal_file import read_journal
@@ -159,26 +158,6 @@ def test_a_clock_that_jumps_ahead_does_not_hold_the_dot_for_a_dead_tracker(tmp_p
     assert journal.attempts[-1].void_reason in ("data-loss", "no-fixation")
     notes = [event.text for event in journal.events if isinstance(event, Note)]
     assert any("samples were left out" in text for text in notes)
-
-
-def test_samples_that_fall_or_are_no_numbers_cost_attempts_and_never_files(tmp_path):
-    def send_of(clock):
-        sent, count = steady(clock), [0]
-
-        def send():
-            count[0] += 1
-            sample = sent()[0]
-            wrong = (math.nan, math.inf, sample.t_s - 5.0, -1.0)[count[0] % 4]
-            return [sample._replace(t_s=wrong), sample, sample._replace(x_px=math.inf)]
-
-        return send
-
-    journal = sit(tmp_path, send_of)
-
-    assert journal.attempts
-    for attempt in journal.attempts:
-        if attempt.gaze_file:
-            assert read_samples(journal.path.parent, attempt.gaze_file)
 
 
 def test_sleep_is_told_once_and_setting_the_wall_clock_is_none():
