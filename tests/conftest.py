@@ -48,7 +48,7 @@ LONGEST = (
     "tests/stats/reports/test_task_reports.py",
     "tests/test_docs.py",
     "tests/batch/test_stimuli_build.py",
-    "tests/presenter/test_whole_beyond_blur_studies.py",
+    "tests/presenter/test_panorama_study.py",
     "tests/web/test_browser_storage.py",
     "tests/web/test_kernel_twin.py",
     "tests/web/test_web_tutorial.py",

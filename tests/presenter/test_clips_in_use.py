@@ -83,15 +83,3 @@ def test_no_session_begins_on_a_folder_that_is_being_built(screen, make_study, w
     assert not study.sessions.exists()
     # The killed build holds nothing: what is said now is what it left.
     assert "must hold a finished batch of clips" in error_of(screen.run(*run, status=None))
-
-
-def test_a_session_goes_on_when_the_build_is_over(screen, make_study):
-    study = make_study({"pairings": '[["metameric", "push-pull"]]', "repeats": "1"})
-    screen_run = screen.session("run", study, "--simulate")
-    with only_build(study.stimuli):
-        assert "a build is at work" in error_of(screen.run(*screen_run, status=None))
-        assert not study.sessions.exists()
-
-    screen.run(*screen_run)
-
-    assert [attempt.outcome for attempt in study.journal().attempts] == ["completed"]

@@ -252,21 +252,3 @@ def test_what_was_assumed_of_a_recording_is_said_and_kept(screen, make_study, tm
         assert said in " ".join(done.stdout.split() + done.stderr.split())
         assert any(said in note for note in notes)
     assert all(attempt.gaze.lost_share == 0 for attempt in study.journal().attempts)
-
-
-def test_a_recording_of_another_screen_is_refused(screen, make_study, tmp_path):
-    study = make_study({"mode": '"monitor"'})
-    tape = tmp_path / "eye.asc"
-    tape.write_text(
-        "MSG\t1 DISPLAY_COORDS 0 0 1023 767\nSTART\t1 LEFT SAMPLES\n1\t10.0\t10.0\t900.0\n"
-        "2\t10.0\t10.0\t900.0\nEND\t3 SAMPLES\n",
-        encoding="ascii",
-    )
-
-    done = screen.run(
-        *screen.session("run", study, "--simulate", "--gaze", f"replay:{tape}"), status=2
-    )
-
-    assert "must be recorded on a screen of 640x480 pixels" in done.stderr
-    assert "got 1024x768" in done.stderr
-    assert not (study.sessions / "demo").exists()

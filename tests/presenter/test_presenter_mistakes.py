@@ -88,23 +88,6 @@ def test_no_language_and_a_text_that_is_too_long_are_refused_before_a_window_ope
     assert not study.sessions.exists()
 
 
-@pytest.mark.slow
-def test_a_session_without_a_decision_is_no_success(screen, make_study):
-    study = make_study({"timeout_s": "0.1", "max_attempts": "1", "repeats": "1"})
-
-    done = screen.run(*screen.session("run", study, "--simulate"), hasty=False, status=None)
-
-    message = error_of(done)
-    assert "recorded: none of 3 by P01; void attempts: 3 too-late)" in message
-    assert "response.timeout_s" in message
-    assert "completed" not in done.stdout
-    journal = study.journal()
-    assert [attempt.void_reason for attempt in journal.attempts] == ["too-late"] * 3
-    last = journal.events[-1]
-    assert isinstance(last, SessionEnd)
-    assert (last.reason, last.completed_trials) == ("completed", 0)
-
-
 # What a window manager does that shows a title bar first, and what a desktop does that scales.
 FRAMED = """
 import sys
@@ -151,30 +134,6 @@ def test_an_absent_tracker_is_refused_before_anything_is_written(screen, make_st
     message = error_of(screen.run(*screen.session("run", study, "--gaze", source), status=None))
     assert "a stream with name 'nobody-sends-this' must be on the network" in message
     assert not (study.sessions / "demo").exists()
-
-
-# Files may not grow beyond: the journal hits it in mid-session.
-SMALL_DISK = """
-import resource
-resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, 9_000))
-from study_app.cli import main
-main()
-"""
-
-
-def test_a_full_disk_ends_at_the_last_whole_trial_and_the_session_goes_on(screen, make_study):
-    study = make_study()
-
-    done = screen.run(*screen.session("run", study, "--simulate"), code=SMALL_DISK, status=None)
-
-    assert "the disk refused a write" in error_of(done)
-    attempts = study.journal().attempts
-    assert 1 <= len(attempts) < 6
-    done = screen.run(*screen.session("resume", study, "--simulate"))
-    journal = study.journal()
-    assert journal.attempts[: len(attempts)] == attempts
-    assert [a.position for a in journal.attempts] == list(range(6))
-    assert len({a.trial for a in journal.attempts}) == 6
 
 
 MEMORY = """
