@@ -7,6 +7,7 @@ import pytest
 from built_study import write_small_study
 
 from protocols.load import load_display, load_protocol
+from stimuli.batch.build import build
 from stimuli.batch.build_plan import BuildPlan
 from stimuli.batch.jobs import SCENES
 
@@ -51,6 +52,14 @@ def small_study(tmp_path_factory) -> Path:
 def plan(small_study) -> BuildPlan:
     """Return the small study as a build plan."""
     return plan_of(small_study)
+
+
+@pytest.fixture(scope="session")
+def batch(small_study, tmp_path_factory) -> Path:
+    """Build the small study once; tests that change anything copy it."""
+    out = tmp_path_factory.mktemp("built") / "clips"
+    build(plan_of(small_study), out, Inline())
+    return out
 
 
 def plan_of(path: Path) -> BuildPlan:

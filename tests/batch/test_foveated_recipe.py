@@ -1,13 +1,7 @@
 """Stills of `foveated-images`: rings and cuts in place, hashed, resumed."""
 
-import contextlib
 import json
-import os
 import re
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
@@ -602,31 +596,6 @@ def test_a_cluster_makes_the_same_bytes(folder, study, whole):
 
     assert len(done.built) == 16
     assert contents(folder / "far") == contents(whole)
-
-
-@pytest.mark.slow
-def test_a_build_killed_in_two_processes_goes_on_to_the_same_bytes(
-    folder, study, whole, proof_count
-):
-    """kill -9 when some stills are there, then the same command until it ends."""
-    out = folder / "killed"
-    command = [
-        sys.executable, "-c", "from study_app.cli import app; app()", "stimuli", "build",
-        str(study), "--out", str(out), "--workers", "2",
-    ]  # fmt: skip
-    noted = out / ".build/records"
-    for wanted in range(1, 1 + min(15, proof_count(10))):
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
-        while process.poll() is None and len(list(noted.glob("*.json"))) < wanted:
-            time.sleep(0.01)
-        with contextlib.suppress(ProcessLookupError):  # it was faster
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-
-    outcome = built(study, out)
-
-    assert len(outcome.kept) >= wanted
-    assert contents(out) == contents(whole)
 
 
 # --- panoramas, undistorted backgrounds, pictures made elsewhere -------------------------

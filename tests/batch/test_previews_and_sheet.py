@@ -55,14 +55,6 @@ look();
 
 
 @pytest.fixture(scope="module")
-def batch(small_study, tmp_path_factory, inline_class, read_plan):
-    """Build the small study."""
-    out = tmp_path_factory.mktemp("built") / "clips"
-    build(read_plan(small_study), out, inline_class())
-    return out
-
-
-@pytest.fixture(scope="module")
 def report(batch, tmp_path_factory):
     """Open the sheet in a browser, use it, and return what it showed."""
     browser = shutil.which("chromium") or shutil.which("google-chrome")

@@ -9,21 +9,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from stimuli.batch.build import build
 from stimuli.batch.check import probe_batch
 from stimuli.media.png import decode_png
 from study_app.cli.stimuli_commands import app
 
 SPOILED = "box__small__telea"
 SOUND = "box__small__push-pull"
-
-
-@pytest.fixture(scope="module")
-def batch(small_study, tmp_path_factory, inline_class, read_plan):
-    """Build the small study once."""
-    out = tmp_path_factory.mktemp("built") / "clips"
-    build(read_plan(small_study), out, inline_class())
-    return out
 
 
 @pytest.fixture
