@@ -1,7 +1,6 @@
 """Lines reach home by a browser's own storage, or by JATOS, whatever its server does to them."""
 
 import json
-import time
 
 import pytest
 from web_browser import begin, served, started, until, whole
@@ -119,28 +118,6 @@ def test_another_link_and_another_version_begin_a_session_of_their_own(chromium,
         site.faults["study.json"] = lambda _: (200, json.dumps(changed).encode())
         begin(chromium, site, anew=False)
         until(chromium, f"{everyone} === 3")
-
-
-@pytest.mark.slow
-def test_what_a_folder_offers_is_a_file_that_import_takes(chromium, case, tmp_path):
-    of = case("yes-no")
-    with served(of.out, jatos=False) as site:
-        begin(chromium, site)
-        until(chromium, OVER)
-        chromium.devtools(
-            "Browser.setDownloadBehavior",
-            of_page=False, behavior="allow", downloadPath=str(tmp_path / "saved"),
-            browserContextId=chromium.context,
-        )  # fmt: skip
-        chromium.evaluate("document.querySelector('main a[download]').click()")
-        path = tmp_path / "saved" / f"{of.study.study.name}.txt"
-        for _ in range(200):
-            if path.exists():
-                break
-            time.sleep(0.05)
-    inbox = read_web_results([tmp_path / "saved"])
-    (imported,) = import_results(inbox, of.study, of.display, of.manifest, tmp_path / "sessions")
-    assert (imported.state, imported.reason) == ("imported", "completed")
 
 
 @pytest.mark.slow
