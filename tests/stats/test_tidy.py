@@ -116,45 +116,6 @@ def test_a_torn_last_line_costs_nothing_else(tmp_path, demo_protocol, write_jour
     assert len(tidy.analysed) == 96  # the lines lost were no decisions
 
 
-def test_a_damaged_line_is_named_and_the_rest_is_read(tmp_path, demo_protocol, write_journals):
-    folder = write_journals(tmp_path / "s")
-    edit(folder, "P03", lambda lines: [*lines[:6], b"\xff\xfe not json\n", *lines[7:]])
-
-    tidy = read_sessions(folder, demo_protocol)
-
-    assert any("P03: line 7 is damaged" in note for note in tidy.warnings)
-    assert tidy.sessions.set_index("participant").loc["P03", "damaged_lines"] >= 1
-    assert len(tidy.analysed) >= 94
-
-
-def test_an_answer_that_is_not_utf8_costs_itself_and_is_named(
-    tmp_path, demo_protocol, write_journals
-):
-    folder = write_journals(tmp_path / "s", people=2)
-    whole = read_sessions(folder, demo_protocol)
-
-    def spoil(lines: list[bytes]) -> list[bytes]:
-        at = next(i for i, line in enumerate(lines) if b'"kind":"answer"' in line)
-        return [*lines[:at], lines[at].replace(b'"text":"', b'"text":"caf\xe9 '), *lines[at + 1 :]]
-
-    edit(folder, "P01", spoil)
-    tidy = read_sessions(folder, demo_protocol)
-
-    assert len(tidy.answers) == len(whole.answers) - 1
-    pd.testing.assert_frame_equal(tidy.decisions, whole.decisions)
-    assert any("P01" in note and "damaged" in note for note in tidy.warnings)
-
-
-def test_a_journal_without_its_header_is_left_out_and_said(tmp_path, demo_protocol, write_journals):
-    folder = write_journals(tmp_path / "s")
-    edit(folder, "P01", lambda lines: lines[1:])
-
-    tidy = read_sessions(folder, demo_protocol)
-
-    assert len(tidy.sessions) == 3
-    assert any("P01" in note and "header" in note for note in tidy.warnings)
-
-
 def test_a_withdrawn_participant_leaves_a_note_and_nothing_else(
     tmp_path, demo_protocol, write_journals
 ):
@@ -329,17 +290,3 @@ def test_sessions_of_different_manifests_are_noted(tmp_path, write_journals, dem
 
     notes = read_sessions(folder, demo_protocol).warnings
     assert any("stimuli of 2 different manifests" in note and "P03" in note for note in notes)
-
-
-@pytest.mark.parametrize(
-    "line", [b"[" * 100_000, b'{"n":' + b"9" * 6000 + b"}"], ids=["brackets", "a long integer"]
-)
-def test_absurd_lines_of_a_journal_are_damage_and_no_traceback(
-    tmp_path, write_journals, demo_protocol, line
-):
-    folder = write_journals(tmp_path / "in", people=2)
-    path = session_file(folder, "P02")
-    path.write_bytes(path.read_bytes() + line + b"\n")
-
-    notes = read_sessions(folder, demo_protocol).warnings
-    assert any(note.startswith("P02: line ") and "is damaged" in note for note in notes)

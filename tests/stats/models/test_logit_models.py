@@ -311,25 +311,6 @@ def simulated_table_1(rng, participant_sd=0.0):
     return rows.astype({"method": str})
 
 
-def test_simulated_observers_of_table_1_give_its_coefficients_and_errors(rng, proof_count):
-    """Printed: .138, .131, .129, .127, .141; over many studies, each and on average."""
-    fits = [
-        glm_logit(
-            "logit(correct) ~ 1 + eccentricity + method",
-            simulated_table_1(rng),
-            reference={"method": "0"},
-        )
-        for _ in range(proof_count(200))
-    ]
-    errors = np.array([[fit[f"method[T.{k}]"].standard_error for k in range(1, 6)] for fit in fits])
-    found = np.array([[fit[f"method[T.{k}]"].estimate for k in range(1, 6)] for fit in fits])
-
-    assert errors.min() > 0.12
-    assert errors.max() < 0.15
-    np.testing.assert_allclose(errors.mean(0), [0.138, 0.131, 0.129, 0.127, 0.141], atol=0.003)
-    np.testing.assert_allclose(found.mean(0), PRINTED, atol=4 * 0.14 / np.sqrt(len(fits)))
-
-
 def test_an_effect_that_people_differ_in_is_not_found_by_the_mixed_model():
     """Intercepts alone judge the answers of nine people as if their effects were one."""
     own = np.array([2.4, 2.2, 1.8, 1.2, 1.0, 0.6, -0.9, -1.0, -1.3])
