@@ -4,8 +4,6 @@ One scene: background with 4 px of disparity, before it a square with 20. True h
 the picture, with a rim of one pixel.
 """
 
-import struct
-
 import cv2
 import numpy as np
 import odd_pictures as odd
@@ -15,9 +13,7 @@ from PIL import Image
 
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
-from pipeline.pictures.colour_file import load_colour
 from pipeline.pictures.warp_input import load_warp_input
-from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import PAIR_WARP, load_pair
 from stimuli.warp.one_frame import warp_and_fill
 
@@ -36,11 +32,6 @@ def eight(colour):
     return np.rint(255 * np.clip(colour, 0, 1)).astype(np.uint8)
 
 
-def pfm(path, plane, scale):
-    head = f"Pf\n{WIDTH} {HEIGHT}\n{scale}\n".encode()
-    path.write_bytes(head + plane[::-1].astype("<f4").tobytes())
-
-
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     place = tmp_path_factory.mktemp("cases")
@@ -52,12 +43,7 @@ def files(tmp_path_factory):
     Image.fromarray(eight(left)).save(place / "left.png")
     Image.fromarray(eight(right)).save(place / "right.png")
     np.save(place / "disparity.npy", disparity)
-    pfm(place / "plain.pfm", disparity, "-1.0")
-    pfm(place / "middlebury.pfm", disparity, "-0.003922")
     cv2.imwrite(str(place / "int16.tiff"), (disparity * 16).astype(np.int16))
-    cv2.imwrite(str(place / "int32.tiff"), disparity.astype(np.int32))
-    mapped = cv2.applyColorMap((disparity * 8).astype(np.uint8), cv2.COLORMAP_INFERNO)
-    cv2.imwrite(str(place / "colourmap.png"), mapped)
     found = (disparity * 16).astype(np.int16)
     found[:, :8] = -16
     np.save(place / "sgbm.npy", found)
@@ -70,35 +56,11 @@ def files(tmp_path_factory):
     odd.write_exr(place / "whole.exr", planes)
     cropped = {name: plane[32:160, 48:208] for name, plane in planes.items()}
     odd.write_exr(place / "cropped.exr", cropped, data_at=(48, 32), window=(0, 0, WIDTH, HEIGHT))
-    two = {f"Backdrop.Combined.{c}": zero + 0.9 * (c == "R") for c in "RGB"}
-    two |= {f"Figures.Combined.{c}": linear[..., k] for k, c in enumerate("RGB")}
-    two |= {"Figures.Depth.Z": depth, "Figures.Vector.X": zero, "Figures.Vector.Y": zero}
-    odd.write_exr(
-        place / "two-layers.exr", two | {"Figures.Vector.Z": disparity, "Figures.Vector.W": zero}
-    )
-    light = (b"gAMA", struct.pack(">I", 100_000))
-    odd.png(place / "gamma-1.png", light, picture=eight(linear))
     return place
 
 
 def holes(ctx, pair) -> WarpedFrame:
     return warp_and_fill(ctx, pair.warp_input(), [], settings=PAIR_WARP)[0].hole
-
-
-READ_ALIKE = [("plain.pfm", 1), ("middlebury.pfm", 1), ("int16.tiff", 16), ("int32.tiff", 1)]
-
-
-@pytest.mark.parametrize(("name", "units"), READ_ALIKE)
-@pytest.mark.parametrize("right", ["right.png", None])
-def test_cases_8_and_9_every_file_of_a_disparity_gives_the_same_numbers(files, name, units, right):
-    other = None if right is None else files / right
-    wanted = load_pair(files / "left.png", files / "disparity.npy", other)
-    found = load_pair(files / "left.png", files / name, other, units_per_px=units)
-
-    np.testing.assert_array_equal(found.disparity_px, wanted.disparity_px)
-    assert found.known.all()
-    if right is not None:
-        assert not judge_pair(found, units_per_px=units).doubtful
 
 
 def test_cases_8_9_and_20_have_the_holes_of_the_scene(gl_context, files):
@@ -149,34 +111,6 @@ def test_case_6_a_cropped_file_is_refused_and_the_whole_one_read(files):
     with pytest.raises(InputError, match=r"whole display window .of 256 x 192 px.*160 x 128 px"):
         load_warp_input(files / "cropped.exr")
     assert load_warp_input(files / "whole.exr").source.size == (HEIGHT, WIDTH)
-
-
-def test_case_7_colour_is_of_the_layer_that_depth_comes_from(files):
-    found = load_warp_input(files / "two-layers.exr")
-    wanted = load_warp_input(files / "whole.exr")
-
-    np.testing.assert_array_equal(found.source.colour, wanted.source.colour)
-    np.testing.assert_array_equal(found.source.depth_m, wanted.source.depth_m)
-    np.testing.assert_array_equal(found.flow_px, wanted.flow_px)
-
-
-def test_case_10_linear_light_in_a_png_is_refused(files, tmp_path):
-    _, _, said = run(
-        files / "gamma-1.png", tmp_path / "o.png", "--depth", files / "disparity.npy", status=2
-    )
-
-    assert "gamma-1.png: must hold sRGB colour (its gAMA chunk says linear light)" in said
-    assert not (tmp_path / "o.png").exists()
-    assert load_colour(files / "left.png").shape == (HEIGHT, WIDTH, 3)
-
-
-def test_case_19_a_colour_map_is_told_as_one(files, tmp_path):
-    _, _, said = run(
-        files / "left.png", tmp_path / "o.png", "--disparity", files / "colourmap.png", status=2
-    )
-
-    assert "a colour-mapped picture of them, or numbers packed in three channels" in said
-    assert "grey image" not in said
 
 
 def test_depth_along_the_ray_is_an_option(files, tmp_path):

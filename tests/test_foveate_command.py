@@ -524,15 +524,6 @@ def test_pictures_of_a_user_that_are_called_as_steps_stay_as_they_are(png, tmp_p
     assert [run(*words, status=None)[0] for _ in range(2)] == [0, 0]  # earlier steps are replaced
 
 
-def test_a_picture_of_one_pixel_has_sheet_and_steps(tmp_path):
-    Image.fromarray(np.full((1, 1, 3), 90, np.uint8)).save(tmp_path / "dot.png")
-    looks = ("--compare", tmp_path / "sheet.png", "--steps", tmp_path / "steps")
-
-    run(tmp_path / "dot.png", tmp_path / "out.png", *looks, "-m", "metamer", *FAST)
-
-    assert (tmp_path / "steps" / "sheet.png").exists()
-
-
 # --- energy-metamer ----------------------------------------------------------------------
 
 
@@ -597,14 +588,6 @@ def test_one_python_call_does_what_the_command_does(png, tmp_path):
         assert (ours / file).read_bytes() == (theirs / file).read_bytes(), file
     assert said.replace(str(theirs), str(ours)).splitlines() == lines
     np.testing.assert_array_equal(read_pixels(ours / "out.png").data, np.rint(255 * seen[0].colour))
-
-
-def test_a_path_alone_is_the_picture_to_write(png, tmp_path, colour):
-    foveate_file(png, tmp_path / "out.png")
-
-    np.testing.assert_array_equal(
-        read_pixels(tmp_path / "out.png").data, np.rint(255 * foveate(colour, (32, 24)))
-    )
 
 
 @pytest.mark.parametrize("option", ["OUT", "--compare", "--flip"])

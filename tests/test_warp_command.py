@@ -67,22 +67,6 @@ def test_a_frame_from_a_file_is_warped_and_filled(exr, frame, tmp_path):
     np.testing.assert_allclose(filled[:11], shown[:11], atol=1e-6)
 
 
-@pytest.mark.usefixtures("gl_context")
-def test_missing_folders_are_made(exr, tmp_path):
-    out = tmp_path / "new" / "folder" / "out.png"
-
-    assert run(exr, out, "-m", "telea", status=None)[0] == 0
-    assert out.exists()
-
-
-@pytest.mark.usefixtures("gl_context")
-def test_the_same_command_gives_the_same_bytes(exr, tmp_path):
-    for name in ("a.png", "b.png"):
-        assert run(exr, tmp_path / name, "-m", "weighted-pull-push", status=None)[0] == 0
-
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("gl_context")
 def test_motorcycle_is_built_in_and_measured_against_the_other_photograph(tmp_path):
@@ -365,22 +349,6 @@ def test_metameric_steps_show_bands_moments_and_noise(gl_context, frame):
     # Noise is added in the hole only: mid grey elsewhere.
     assert (steps["noise"][~warped.hole] == 128).all()
     assert (steps["noise"][warped.hole] != 128).any()
-
-
-@pytest.mark.usefixtures("gl_context")
-def test_a_parameter_reaches_the_method(exr, tmp_path):
-    for radius in (1, 9):
-        run(
-            exr,
-            tmp_path / f"{radius}.png",
-            "-m",
-            "telea",
-            "--set",
-            f"radius_px={radius}",
-            status=None,
-        )
-
-    assert (tmp_path / "1.png").read_bytes() != (tmp_path / "9.png").read_bytes()
 
 
 def test_list_names_every_method_without_a_source():

@@ -305,32 +305,6 @@ def test_a_view_of_a_panorama_is_drawn_again_where_it_was_turned_to(
     assert np.abs(shown[1].astype(int) - shown[2]).mean() > 1  # it turned
 
 
-def test_after_the_second_frame_no_opengl_object_is_made(gl_context, frames, tape):
-    source = read_source(frames, PictureReading(), panorama=False)
-    renderer = FoveatingRenderer(gl_context, source, GEOMETRY, Choice("warped-metamer"))
-    renderer.prepare(5)
-    shown = run(renderer, tape)
-    next(shown), next(shown)
-    made = []
-    kinds = ("texture", "texture_array", "buffer", "framebuffer", "compute_shader", "program")
-    originals = {kind: getattr(type(gl_context), kind) for kind in kinds}
-    try:
-        for kind, original in originals.items():
-
-            def counting(*given, _kind=kind, _original=original, **more):
-                made.append(_kind)
-                return _original(*given, **more)
-
-            setattr(type(gl_context), kind, counting)
-        list(shown)
-    finally:
-        for kind, original in originals.items():
-            setattr(type(gl_context), kind, original)
-    renderer.release()
-
-    assert made == []
-
-
 def test_gaze_is_rounded_to_a_sixteenth_of_a_pixel_and_stays_lost():
     assert on_grid((10.03, -0.04)) == (10.0, -0.0625)
     assert math.isnan(on_grid((math.nan, 3.0))[0])

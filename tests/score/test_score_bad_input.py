@@ -58,14 +58,6 @@ def test_a_clip_of_one_frame(two, run_score):
     refused(run_score(*two, status=None), "at least two frames (it has one)", "truth/000000.png")
 
 
-def test_a_batch_of_one_frame_clips(run_score, tmp_path, clips, batch_writer):
-    for name in clips.fills:
-        clips.fills[name] = clips.fills[name][:1]
-    clips.truth, clips.holes = clips.truth[:1], clips.holes[:1]
-
-    refused(run_score(batch_writer(tmp_path / "clips", clips), status=None), "at least two frames")
-
-
 def test_frames_below_the_least_size_of_a_metric(run_score, tmp_path, rng):
     for name in "ab":
         picture = rng.random((10, 40, 3), np.float32)
@@ -91,12 +83,6 @@ def test_a_folder_without_frames(two, run_score, tmp_path):
 def test_a_damaged_frame(two, run_score):
     path = two[0] / "000001.png"
     path.write_bytes(path.read_bytes()[:200])
-
-    refused(run_score(*two, "--metrics", "psnr", status=None), "000001.png", "whole PNG")
-
-
-def test_a_frame_that_is_no_picture(two, run_score):
-    (two[0] / "000001.png").write_bytes(b"hello")
 
     refused(run_score(*two, "--metrics", "psnr", status=None), "000001.png", "whole PNG")
 

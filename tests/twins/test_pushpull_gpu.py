@@ -128,14 +128,6 @@ def test_the_image_is_left_as_it_was(gl_context, rng):
     assert after.tobytes() == image.tobytes()
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_an_image_of_unknown_pixels_becomes_zero(fill, rng, size):
-    image = random_image(rng, size, 1.0)
-    image[..., 3] = 0
-
-    np.testing.assert_array_equal(fill(image), 0)
-
-
 @pytest.mark.parametrize("argument", ["image", "filled"])
 @pytest.mark.parametrize(
     ("size", "name"), [((9, 8), "rgba32f"), ((8, 9), "rgba16f"), ((8, 9), "rg32f")]

@@ -57,12 +57,6 @@ def test_known_pixels_that_weigh_the_same_stay_bit_for_bit(gl_context, rng):
     np.testing.assert_array_equal(run(gl_context, image)[known], image[known][:, :3])
 
 
-def test_two_runs_are_identical(gl_context, rng):
-    image = rng.random((64, 64, 4), dtype=np.float32)
-
-    np.testing.assert_array_equal(run(gl_context, image), run(gl_context, image))
-
-
 def test_dispatches_are_twice_the_levels(gl_context):
     passes = WeightedPullPushPass(gl_context, (64, 48))
     image = create_texture(gl_context, (64, 48), "rgba32f")
