@@ -155,6 +155,15 @@ class Code:
     text: str
 
 
+@dataclass(frozen=True)
+class Folded:
+    """Blocks that a reader opens, and why they are there."""
+
+    title: str
+    why: str
+    blocks: tuple[Block, ...]
+
+
 Block: TypeAlias = (
     str
     | list[str]
@@ -167,6 +176,7 @@ Block: TypeAlias = (
     | MediaRow
     | CopyText
     | Code
+    | Folded
 )
 """A text alone is a paragraph, and a list one with bullets."""
 

@@ -27,6 +27,9 @@ class Results(Model):
     results: dict[str, Row]
     """The numbers of each part of the report, by its name; a part that could not be had is not
     there. Installed packages add parts of their own."""
+    deciding: dict[str, list[str]] | None = None
+    """Columns whose p decides, by table in `tables/`; numbers here have the same
+    names. Null: of an earlier metamerlab."""
     flow: list[Row]
     """Counts of what each rule of exclusion left out, in order; empty for a table."""
     participants: Row | None = None

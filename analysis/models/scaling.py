@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -35,8 +34,6 @@ class Scale:
         Without binomial coefficients.
     deviance, fit_df, fit_p : float, int, float
         Likelihood ratio against one free proportion per pair: does one axis suffice?
-    equal_statistic, equal_df, equal_p : float, int, float
-        Likelihood ratio against "all conditions are equal" (votes as independent).
     warnings : tuple of str
         When not to trust the scores.
     """
@@ -50,28 +47,7 @@ class Scale:
     deviance: float
     fit_df: int
     fit_p: float
-    equal_statistic: float
-    equal_df: int
-    equal_p: float
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Contrast:
-    """One condition against another on a scale.
-
-    `statistic` and `p` are the likelihood ratio's and take votes as independent, as papers print
-    them. `clustered_p` is the two-way bootstrap's, `clustered_p_adjusted` Holm's over the scale's
-    contrasts; None where one participant's votes are all there is.
-    """
-
-    first: str
-    second: str
-    difference: float
-    statistic: float
-    p: float
-    clustered_p: float | None = None
-    clustered_p_adjusted: float | None = None
 
 
 def scale(wins: Floats, conditions: Sequence[str]) -> Scale:
@@ -113,7 +89,6 @@ def scale(wins: Floats, conditions: Sequence[str]) -> Scale:
     saturated = float(np.sum(_xlogy(won, share) + _xlogy(lost, 1.0 - share)))
     deviance = max(0.0, 2.0 * (saturated - float(solution.log_likelihood)))
     fit_df = int(np.count_nonzero(total)) - (count - 1)
-    equal = max(0.0, 2.0 * (float(solution.log_likelihood) + float(total.sum()) * np.log(2.0)))
     return Scale(
         model="thurstone",
         unit="JOD",
@@ -124,44 +99,8 @@ def scale(wins: Floats, conditions: Sequence[str]) -> Scale:
         deviance=deviance,
         fit_df=fit_df,
         fit_p=float(chi_squared_p(deviance, fit_df)) if fit_df > 0 else 1.0,
-        equal_statistic=equal,
-        equal_df=count - 1,
-        equal_p=float(chi_squared_p(equal, count - 1)),
         warnings=warnings,
     )
-
-
-def equal_scores(wins: Floats, conditions: Sequence[str]) -> tuple[Contrast, ...]:
-    """Test every two conditions for equal scores by likelihood ratio, one degree of freedom.
-
-    `wins` (k, k) and `conditions` are as for `scale`, and so is what it raises.
-    """
-    votes, _ = _finite_votes(checked_votes(wins, conditions))
-    count = len(conditions)
-    first, second = pair_index(count)
-    won, lost = votes[first, second], votes[second, first]
-    full = np.zeros((first.size, count))
-    full[np.arange(first.size), first] = 1.0
-    full[np.arange(first.size), second] = -1.0
-    free = solve_pairs(full[:, 1:], won, lost)
-    scores = np.concatenate([[0.0], free.parameters])
-    found = []
-    for i, j in combinations(range(count), 2):
-        merged = full.copy()
-        merged[:, i] += merged[:, j]
-        keep = [column for column in range(count) if column not in (i, j)]
-        tied = solve_pairs(merged[:, keep], won, lost)
-        statistic = max(0.0, 2.0 * float(free.log_likelihood - tied.log_likelihood))
-        found.append(
-            Contrast(
-                first=conditions[i],
-                second=conditions[j],
-                difference=float(scores[i] - scores[j]),
-                statistic=statistic,
-                p=float(chi_squared_p(statistic)),
-            )
-        )
-    return tuple(found)
 
 
 def checked_votes(wins: Floats, conditions: Sequence[str]) -> Floats:

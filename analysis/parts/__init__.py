@@ -21,7 +21,7 @@ from analysis.models.mixed.inference import Draws, Inference
 from analysis.plots.style import Figure
 from analysis.report.values import as_json
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Block, Section
+from protocols.blocks import Block, Folded, Section
 from protocols.disk.hashing import Json
 from protocols.errors import StudyError
 from protocols.plugins import based_on, misfit, registered
@@ -202,6 +202,9 @@ class Presentation:
         Of the part's section, where it says more than `section`.
     blocks : sequence of Block
         Of the part's section of the page, in reading order; a `FigurePlace` names a figure.
+    others : sequence of Folded
+        Analyses that answer the same in another way, each with a sentence on why it is there; none
+        decides.
     further : sequence of Section
         Other sections, such as of people.
     sentences : sequence of str
@@ -218,6 +221,7 @@ class Presentation:
     headline: str = ""
     title: str = ""
     blocks: Sequence[Block] = ()
+    others: Sequence[Folded] = ()
     further: Sequence[Section] = ()
     sentences: Sequence[str] = ()
     methods: str = ""
@@ -241,6 +245,8 @@ class Part(ABC, Generic[P, R]):
     """Parts whose numbers it reads, such as the comparisons of a Holm family."""
     essential: ClassVar[bool] = False
     """True for the subject of a report: if this part can say nothing, there is no report."""
+    beside: ClassVar[tuple[str, str] | None] = None
+    """Title and reason, where all that it shows is another analysis."""
     secondary: ClassVar[bool] = False
     """Its test is a question of its own, beside that of the task."""
 

@@ -8,9 +8,10 @@ import pandas as pd
 
 from analysis.models.order_and_side import Bias, came_both_ways, has_sides, order_bias, side_bias
 from analysis.parts import PartFigure, Presentation, SimplePart
+from analysis.parts.shared import SIGN_FLIP
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import bias_bars
-from analysis.report.result_table import P_VALUE, ResultTable, attribute, limits, p_value
+from analysis.report.result_table import ResultTable, attribute, deciding, limits, p_value
 from analysis.report.wording import level_text, p_text, share, share_range
 from protocols.blocks import Cautions, FigurePlace
 
@@ -53,7 +54,7 @@ class BiasPart(SimplePart[PreferencePlan, Biases]):
             attribute("Trials", "trials", str),
             attribute("Share", "share", share),
             limits(text=share_range),
-            P_VALUE,
+            deciding(),
             p_value("Sign-flip p", "sign_flip_p"),
         )
         return Presentation(
@@ -62,6 +63,7 @@ class BiasPart(SimplePart[PreferencePlan, Biases]):
                 table.block(),
                 Cautions.each("About these shares", biases, lambda b: b.alternative),
             ),
+            others=(table.folded("Sign-flip test of order and side", SIGN_FLIP),),
             sentences=tuple(
                 f"The {b.alternative} was picked in {share(b.share)} of {b.trials} trials,"
                 f" {level_text(plan.confidence)} {share_range(b.lower, b.upper)}, {p_text(b.p)}."

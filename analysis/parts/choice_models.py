@@ -18,8 +18,8 @@ from analysis.parts.preferences import PreferenceResults
 from analysis.parts.shared import GroupedRow, group_rows, sd_text
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.repeat import scripts
-from analysis.report.result_table import ResultColumn, ResultTable, attribute, p_value
-from analysis.report.wording import NONE, NOT_IDENTIFIED, big, number, p_text, t_text
+from analysis.report.result_table import ResultColumn, ResultTable, attribute
+from analysis.report.wording import NONE, big, p_number, t_text
 from protocols.blocks import Block, Cautions, Paragraph, grouped
 
 LARGEST_LOG = 700.0
@@ -50,6 +50,11 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
     name: ClassVar[str] = "choice_models"
     section: ClassVar[tuple[str, str]] = ("models", "Models")
     needs: ClassVar[tuple[str, ...]] = ("preferences",)
+    beside: ClassVar[tuple[str, str]] = (
+        "Mixed model of each comparison",
+        "Reviewers ask for it. It gives the order of presentation a term of its own, and says how"
+        " far participants and scenes differ.",
+    )
 
     def compute(
         self, table: pd.DataFrame, _plan: PreferencePlan, found: PartNumbers, _chance: Generator
@@ -72,7 +77,6 @@ class ChoiceModelsPart(Part[PreferencePlan, ChoiceModels]):
         )
         return Presentation(
             blocks=tuple(_blocks(found, models, plan)),
-            sentences=tuple(_sentences(found, plan)),
             methods=(
                 "Logit mixed models had crossed random intercepts of participants and scenes"
                 " (Laplace approximation) and the order of presentation as a covariate."
@@ -101,26 +105,6 @@ def _mixed(decisions: Comparisons, cell: Preference) -> ModelFit:
         between=True,
         inference=Inference(cell.estimate.level),
     )
-
-
-def _over(method: str, against: str, size: str, plan: PreferencePlan) -> str:
-    return f"{plan.label(method)} over {plan.label(against)}{plan.at(size, ' ({})')}"
-
-
-def _sentences(found: ChoiceModels, plan: PreferencePlan) -> Iterator[str]:
-    for one in found.pairs:
-        fit, row = one.fit, one.fit["Intercept"]
-        about = _over(one.method, one.against, one.size, plan)
-        if math.isnan(row.estimate):
-            yield f"{about}: {NOT_IDENTIFIED} ({fit.method})."
-            continue
-        spread = ", ".join(f"SD({name}) = {value:.2f}" for name, value in fit.random_sd.items())
-        yield (
-            f"{about}: b = {number(row.estimate)}, "
-            + f"SE = {number(row.standard_error)}, {t_text(row.statistic, row.df)}, {p_text(row.p)}"
-            + (f"; {spread}" if spread else "")
-            + f" ({'likelihood ratio; ' * row.by_ratio}{fit.method})."
-        )
 
 
 PairRow: TypeAlias = GroupedRow[PairModel, Coefficient]
@@ -154,7 +138,7 @@ def _pairs(found: ChoiceModels, plan: PreferencePlan) -> ResultTable[PairRow]:
             "n",
             lambda row: t_text(row.entry.statistic, row.entry.df, none=NONE),
         ),
-        p_value("p", "entry.p"),
+        attribute("p", "entry.p", p_number, "n"),
         ResultColumn(f"OR, {plan.limits}", "n", lambda row: _odds_text(row.entry)),
         ResultColumn("Random SD", "l", lambda row: _spread(row.group.fit) * row.first),
     )

@@ -62,7 +62,8 @@ class ComparisonsPart(Part[RatePlan, PlannedTests]):
             )
         elif "sensitivity" in found:
             differences = found["sensitivity"].planned
-        instead = () if differences else found["rates"].conditions
+        # Of a yes-no task d' decides, which its own part gives.
+        instead = () if differences or plan.kind == "detection" else found["rates"].conditions
         if not plan.adaptive and (differences or len(instead) == 1):
             people = table["participant"].nunique()
             notes += planned_family(len(differences), plan).hopeless(people, plan.alpha)
@@ -90,13 +91,13 @@ class ComparisonsPart(Part[RatePlan, PlannedTests]):
         if planned:
             against, count = label(planned[0].second), len(planned)
             adjusted = f", Holm-adjusted over {count} comparisons" if holm and count > 1 else ""
-            decides = f"Each against {against}, two-sided{adjusted}."
+            decides = f"Each against {against}, two-sided{adjusted}; these p decide."
             if count > 1:
                 corrected = ", Holm-adjusted" if holm else ", not adjusted"
                 methods = f"{count} comparisons with {against} were planned{corrected}. "
         return Presentation(
-            lead=(Box(title, " ".join(lines[:6]) + more, decides),),
-            headline=apa_difference(planned[0], label) if planned else lines[0],
+            lead=(Box(title, " ".join(lines[:6]) + more, decides),) if lines else (),
+            headline=apa_difference(planned[0], plan) if planned else "".join(lines[:1]),
             methods=f"{methods}Tests are two-sided, alpha = {leading(f'{plan.alpha:g}')}.",
         )
 

@@ -22,6 +22,7 @@ from analysis.report.result_table import (
     ResultColumn,
     ResultTable,
     attribute,
+    deciding,
     limits,
     p_value,
 )
@@ -89,7 +90,8 @@ class RatesPart(SimplePart[RatePlan, Rates]):
             f" {respected(rates)}; p against chance, which is dashed."
         )
         figures = [PartFigure("correct", caption, partial(rates_plot, rates, label=label))]
-        table = rate_table(f"Right answers by {plan.by_name or 'condition'}", rates, plan)
+        told = plan.kind != "detection" and not plan.by_threshold
+        table = rate_table(f"Right answers by {plan.by_name or 'condition'}", rates, plan, told)
         tables = {"rates.csv": table.every_field()}
         if len(found.answers) > 2:
             matrix = np.array(found.confusion, dtype=np.float64)
@@ -104,18 +106,29 @@ class RatesPart(SimplePart[RatePlan, Rates]):
             blocks=(
                 FigurePlace("correct"),
                 table.block(),
-                Paragraph(
-                    f"p: against chance, with {errors(rates)}; limits"
-                    " belong to the same test. Pooled exact p takes trials as independent, which"
-                    " they are not.",
-                    muted=True,
-                ),
+                *[
+                    Paragraph(
+                        f"Deciding p: against chance, with {errors(rates)}; limits"
+                        " belong to the same test.",
+                        muted=True,
+                    )
+                ]
+                * told,
                 Cautions.each(
                     "When not to trust these shares", rates, lambda one: label(one.condition)
                 ),
                 FigurePlace("confusion"),
             ),
-            sentences=tuple(apa_rate(one, name=label(one.condition)) for one in rates),
+            others=(
+                table.folded(
+                    "Right answers against chance, pooled",
+                    "Papers print the exact test of all trials. It takes trials as independent,"
+                    " which they are not."
+                    + " p of clustered errors stands beside it, because d' (or the threshold)"
+                    " decides here." * (not told),
+                ),
+            ),
+            sentences=tuple(apa_rate(one, label(one.condition), tested=told) for one in rates),
             methods=(
                 f"{among if len(names) > 1 else ''}Shares of right answers were tested against"
                 f" chance with {errors(rates)}."
@@ -125,8 +138,10 @@ class RatesPart(SimplePart[RatePlan, Rates]):
         )
 
 
-def rate_table(caption: str, rates: Sequence[Rate], plan: AnalysisPlan) -> ResultTable[Rate]:
-    """Return the table of shares."""
+def rate_table(
+    caption: str, rates: Sequence[Rate], plan: AnalysisPlan, told: bool = True
+) -> ResultTable[Rate]:
+    """Return the table of shares; `told` if their p decides."""
     return ResultTable.of(
         caption,
         rates,
@@ -135,7 +150,7 @@ def rate_table(caption: str, rates: Sequence[Rate], plan: AnalysisPlan) -> Resul
         attribute("Share", "share", share, "strong"),
         limits(plan.limits, share_range),
         attribute("Chance", "chance", share),
-        P_VALUE,
+        deciding() if told else P_VALUE,
         p_value("Pooled exact p", "exact_p"),
     )
 
@@ -157,14 +172,14 @@ def errors(rates: Sequence[Rate]) -> str:
     return f"errors clustered by {clusters(rates)}"
 
 
-def apa_rate(rate: Rate, *, name: str = "") -> str:
-    """Return the share of right answers of one condition as a sentence."""
+def apa_rate(rate: Rate, name: str = "", *, tested: bool = True) -> str:
+    """Return the share of right answers of one condition as a sentence; `tested`: with its p."""
     people = count_of(rate.participants, "participant")
+    against = f", {p_text(rate.p)} against chance (" if tested else " (chance "
     return (
         f"In condition {name or rate.condition}, {rate.count} of {rate.trials} answers were"
         f" correct, {share(rate.share)}, {level_text(rate.level)}"
-        f" {share_range(rate.lower, rate.upper)}, {p_text(rate.p)} against chance"
-        f" ({share(rate.chance)}; {people}"
+        f" {share_range(rate.lower, rate.upper)}{against}{share(rate.chance)}; {people}"
         f"{'' if rate.scenes < 2 else f', {rate.scenes} scenes'})."
     )
 

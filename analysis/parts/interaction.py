@@ -28,22 +28,24 @@ from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots.tasks import interaction_plot
 from analysis.report.result_table import (
-    TESTED,
+    DECIDES,
+    T_DF,
     ResultColumn,
     ResultTable,
     attribute,
+    deciding,
     estimated,
     limits,
+    undecided,
     within,
 )
 from analysis.report.values import frame_of
 from analysis.report.wording import (
     column_in_words,
     leading,
-    t_text,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Box, Cautions, FigurePlace, Paragraph
+from protocols.blocks import Box, Cautions, FigurePlace, Folded, Paragraph
 from protocols.errors import count_of
 from protocols.tasks.rates import name_of
 
@@ -139,55 +141,76 @@ class InteractionPart(Part[P, Interactions]):
 
     def show(self, found: Interactions, plan: P) -> Presentation:
         """Return the planned ones before all, every difference, and shares by value."""
-        factor, every = column_in_words(found.factor), (*found.shares, *found.jod)
-        left = len(found.planned) - LED_BY
+        factor = column_in_words(found.factor)
+        jod = {one.gap.measure for one in found.jod}
+        planned: list[Interaction] = [one for one in found.planned if one.gap.measure not in jod]
+        left = len(planned) - LED_BY
         more = f"{left} more are below." if left > 0 else ""
-        over = f"over all shares{' and over all JOD' * bool(found.jod)}"
+        over = "over all"
         if isinstance(plan, PreferencePlan):
             over += f", those of {_whose(plan)} by themselves and those of other pairs together"
-        changes = ResultTable.of(
-            f"Changes between values of {factor}",
-            every,
-            ResultColumn("Of", "l c", lambda one: _between(one, plan)),
-            ResultColumn("Values", "l", lambda one: between(one.gap, plan)),
-            attribute("In", "gap.measure", str, "l"),
-            *within(
-                attrgetter("gap"),
-                (estimated("Change", "difference"), limits(plan.limits), *TESTED),
-            ),
+        told, files = _changes(found.shares, plan), _changes((*found.shares, *found.jod), plan)
+        frame = files.every_field()
+        frame.loc[len(found.shares) :, DECIDES] = ""
+        distances = Folded(
+            f"Changes of distances in JOD between values of {factor}",
+            "They say how far methods lie apart in the unit of the papers' scales, by a bootstrap"
+            " that draws people alike for all values.",
+            (_changes(found.jod, plan, told=False).block(),),
         )
-        scale = ", and distances in JOD by a bootstrap that draws people alike for all values"
         return Presentation(
             lead=(
                 Box(
                     f"Interaction with {factor}",
-                    " ".join([*(_apa(one, plan) for one in found.planned[:LED_BY]), more]).strip(),
+                    " ".join([*(_apa(one, plan) for one in planned[:LED_BY]), more]).strip(),
                     f"Planned; two-sided, alpha = {leading(f'{plan.alpha:g}')}.",
                 ),
             ),
             title=f"Second factor: {factor}",
             blocks=(
                 FigurePlace("interaction"),
-                changes.block(),
+                replace(told, caption=f"Changes between values of {factor}").block(),
                 Paragraph(
-                    f"Change: 0 where the factor changes nothing. p adj.: Holm, {over}. That one"
-                    " value has a significant result and another has none does not show that they"
-                    " differ; this test does.",
+                    f"Change: 0 where the factor changes nothing. Deciding p: Holm's, {over}. That"
+                    " one value has a significant result and another has none does not show that"
+                    " they differ; this test does.",
                     muted=True,
                 ),
                 Cautions("When not to trust these changes", found.notes),
             ),
-            sentences=[_apa(one, plan) for one in every],
+            others=(distances,) * bool(found.jod),
+            sentences=[_apa(one, plan) for one in found.shares],
             methods=(
                 f"Changes between values of {factor} were tested by t with errors clustered by"
-                f" participant and by scene{scale if found.jod else ''}."
+                " participant and by scene."
             ),
             tables={
-                "interaction.csv": changes.every_field(),
+                "interaction.csv": frame,
                 "interaction_shares.csv": frame_of(found.sides),
             },
             figures=(_figure(found, factor, plan),),
         )
+
+
+def _changes(
+    found: Sequence[Interaction], plan: PreferencePlan | RatePlan, *, told: bool = True
+) -> ResultTable[Interaction]:
+    p = deciding("p_adjusted", "gap_p_adjusted")
+    return ResultTable.of(
+        "",
+        found,
+        ResultColumn("Of", "l c", lambda one: _between(one, plan)),
+        ResultColumn("Values", "l", lambda one: between(one.gap, plan)),
+        attribute("In", "gap.measure", str, "l"),
+        *within(
+            attrgetter("gap"),
+            (
+                estimated("Change", "difference"),
+                limits(plan.limits),
+                *([T_DF, p] if told else [undecided(p)]),
+            ),
+        ),
+    )
 
 
 class PreferenceInteraction(InteractionPart[PreferencePlan]):
@@ -505,7 +528,4 @@ def _between(one: Side | Interaction, plan: PreferencePlan | RatePlan) -> str:
 
 
 def _apa(one: Interaction, plan: PreferencePlan | RatePlan) -> str:
-    said, gap = apa_difference(one.gap, plan.label), one.gap
-    if gap.measure == "JOD":  # judged by a bootstrap, not by t
-        said = said.replace(f" {t_text(gap.t, gap.df)},", "")
-    return f"{_between(one, plan)}: {said}"
+    return f"{_between(one, plan)}: {apa_difference(one.gap, plan)}"

@@ -15,22 +15,23 @@ from analysis.models.compared_methods import Comparisons
 from analysis.models.trends import Course, Trend, course, trend
 from analysis.parts import AnalysisPlan, Part, PartFigure, PartNumbers, Presentation
 from analysis.parts.ratings import RatingResults
+from analysis.parts.shared import SIGN_FLIP
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
 from analysis.plans.rating_plan import RatingPlan
 from analysis.plots import learning_plot
 from analysis.report.result_table import (
-    DF,
-    P_VALUE,
+    T_DF,
     ResultTable,
     attribute,
+    deciding,
     estimated,
     limits,
     p_value,
+    set_aside,
 )
 from analysis.report.wording import (
     NOT_IDENTIFIED,
-    number,
     number_range,
     p_text,
     placed,
@@ -110,16 +111,15 @@ class LearningPart(Part[P, Learning]):
         """Return the figure, the table of changes, and each as a sentence."""
         trends = found.trends
         table = ResultTable[Trend].of(
-            "Change from the first to the last trial, between participants; beside it the"
-            " papers' pooled rank correlation",
+            "Change from the first to the last trial, between participants",
             trends,
             attribute("Outcome", "outcome", str, "l"),
             estimated("Change", "change", ""),
             limits(),
-            DF,
-            P_VALUE,
+            T_DF,
+            deciding(),
             p_value("Sign-flip p", "sign_flip_p"),
-            attribute("Spearman \N{GREEK SMALL LETTER RHO}", "spearman_rho"),
+            set_aside(attribute("Spearman \N{GREEK SMALL LETTER RHO}", "spearman_rho")),
             p_value("pooled p", "spearman_p"),
         )
         return Presentation(
@@ -127,6 +127,13 @@ class LearningPart(Part[P, Learning]):
                 FigurePlace("learning"),
                 table.block(),
                 Cautions.each("About these trends", trends, lambda one: one.outcome),
+            ),
+            others=(
+                table.folded(
+                    "Learning: sign-flip test, pooled rank correlation",
+                    "Papers print the rank correlation of all trials, which finds learning too"
+                    f" often where people's trends differ. {SIGN_FLIP}",
+                ),
             ),
             sentences=tuple(apa_trend(one) for one in trends),
             methods=(
@@ -157,8 +164,7 @@ def apa_trend(found: Trend) -> str:
     return (
         f"From the first to the last trial {found.outcome} changed by"
         f" {placed(found, found.change)}, {number_range(found.lower, found.upper)}, over"
-        f" {found.participants} participants, {test}, {p_text(found.p)}; all trials pooled:"
-        f" Spearman's rho = {number(found.spearman_rho)}, {p_text(found.spearman_p)}."
+        f" {found.participants} participants, {test}, {p_text(found.p)}."
     )
 
 

@@ -22,6 +22,7 @@ from analysis.parts.shared import (
     apa_difference,
     condition,
     difference_estimates,
+    difference_table,
     difference_tables,
     in_order,
     law_of_mixed,
@@ -31,7 +32,6 @@ from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots.psychometric_plots import PANELS, DrawnCurve, people_plot, psychometric_plot
 from analysis.repeat import scripts
 from analysis.report.result_table import ResultColumn, ResultTable, within
-from analysis.report.values import frame_of
 from analysis.report.wording import (
     NONE,
     NOT_IDENTIFIED,
@@ -46,7 +46,7 @@ from analysis.report.wording import (
 )
 from analysis.showable import FamilyOfTests
 from protocols.adaptive.answer_history import Shape
-from protocols.blocks import Block, Cautions, FigurePlace, Paragraph, grouped
+from protocols.blocks import Block, Cautions, CopyText, FigurePlace, Folded, Paragraph, grouped
 
 R = TypeVar("R")
 
@@ -129,7 +129,7 @@ def curves_figure(
     )
     caption = (
         f"Right answers by {plan.level}: data of all participants together with binomial standard"
-        f" errors (points), {fits} (curves); dashed: chance."
+        f" errors (points){f', {fits} (curves)' * bool(curves)}; dashed: chance."
     )
     return PartFigure(name, caption, draw)
 
@@ -287,7 +287,8 @@ class CurvesPart(LevelsPart[Curves]):
                 curves_figure(
                     "levels", "fitted psychometric functions", found.counts, _drawn(found), plan
                 ),
-            ),
+            )
+            * bool(found.curves),  # else the population's figure has the same points
         )
 
 
@@ -427,20 +428,32 @@ class ThresholdsPart(LevelsPart[Thresholds]):
         differing = "natural logarithms of thresholds" if found.logarithmic else "thresholds"
         lapses = f"Mean lapse rate of participants {share(found.lapse)}{_spread(found, '; {}')}."
         people = _people(found, plan)
+        told = plan.by_threshold
+        title = f"Differences of {differing}"
+        differences = difference_tables(title, found.contrasts, plan, told=told)
+        files = difference_table(found.contrasts, plan, told=told).every_field(kind=Difference)
+        said = tuple(apa_difference(one, plan) for one in found.contrasts)
+        beside = Folded(
+            title,
+            "The study compares right answers of all levels together. Thresholds compare the same"
+            " answers by the level that is needed; they are the result where levels are the"
+            " question.",
+            (*differences, CopyText(said)),
+        )
+        known = apa_thresholds(found, levels=shown)
         return Presentation(
             title=self.title(plan),
             blocks=(
                 FigurePlace("psychometric"),
                 table.block(),
                 Paragraph(lapses, muted=True),
-                *difference_tables(f"Differences of {differing}", found.contrasts, plan),
+                *(differences if told else ()),
                 *((*people, FigurePlace("people")) if people else ()),
                 Cautions("When not to trust these thresholds", found.warnings),
             ),
-            sentences=(
-                apa_thresholds(found, levels=shown),
-                *(apa_difference(one, plan.label) for one in found.contrasts),
-            ),
+            others=(beside,) * (not told and bool(differences)),
+            headline=" ".join((*said[:1], known)) * told,
+            sentences=(known, *said * told),
             methods=(
                 "Thresholds in the population come from one mixed model of all trials, random over"
                 f" {', '.join(effects)}, with a lapse rate of each participant, drawn towards small"
@@ -450,7 +463,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             ),
             tables={
                 "thresholds.csv": threshold_lines(each),
-                "threshold_differences.csv": frame_of(found.contrasts, Difference),
+                "threshold_differences.csv": files,
             },
             figures=tuple(_figures(found, plan)),
         )

@@ -8,14 +8,14 @@ import pandas as pd
 
 from analysis.models.mixed.marginal_means import Margin, Margins
 from analysis.parts import AnalysisPlan
-from analysis.parts.shared import adjusted
+from analysis.parts.shared import apa_p
 from analysis.report.result_table import (
-    P_ADJUSTED,
-    P_VALUE,
+    DECIDES,
     T_DF,
     ResultColumn,
     ResultTable,
     attribute,
+    deciding,
 )
 from analysis.report.values import frame_of
 from analysis.report.wording import (
@@ -23,7 +23,6 @@ from analysis.report.wording import (
     level_text,
     number,
     number_range,
-    p_text,
     t_text,
 )
 from protocols.blocks import Block
@@ -55,8 +54,7 @@ def contrasts_table(
             ResultColumn("Weights", "l c", lambda one: weights_of(one.name, plan)),
             *_estimate("Estimate", plan, turned),
             T_DF,
-            P_VALUE,
-            P_ADJUSTED,
+            deciding("p_adjusted"),
         ).block()
 
 
@@ -72,15 +70,18 @@ def contrast_sentences(
         ends = turned(one.lower), turned(one.upper)
         yield (
             f"{about}: {number(turned(one.value), within=ends)} {unit}, {level_text(one.level)}"
-            f" {number_range(*ends)}, {t_text(one.t, one.df)}, {p_text(one.p)}"
-            f"{adjusted(one.p, one.p_adjusted, 'mixed model')}."
+            f" {number_range(*ends)}, {t_text(one.t, one.df)},"
+            f" {apa_p(one.p, one.p_adjusted, 'mixed model')}."
         )
 
 
 def margin_tables(found: Margins, name: str) -> dict[str, pd.DataFrame]:
     """Return means and contrasts on the model's scale as tables; `name` begins their files'."""
     kinds = {"means": found.means, "contrasts": found.contrasts}
-    return {f"{name}_{kind}.csv": frame_of(own) for kind, own in kinds.items() if own}
+    tables = {f"{name}_{kind}.csv": frame_of(own) for kind, own in kinds.items() if own}
+    if found.contrasts:
+        tables[f"{name}_contrasts.csv"][DECIDES] = "p_adjusted"
+    return tables
 
 
 def weights_of(name: str, plan: AnalysisPlan) -> str:

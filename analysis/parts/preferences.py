@@ -23,23 +23,23 @@ from analysis.models.preference import (
 )
 from analysis.parts import EQUIVALENCE, Estimate, PartFigure, Presentation, SimplePart, Tests
 from analysis.parts.people import shares_figure
-from analysis.parts.shared import planned_family
+from analysis.parts.shared import apa_p, over, planned_family
 from analysis.plans.preference_plan import PreferencePlan
-from analysis.plots import forest_plot, preference_bars
+from analysis.plots import preference_bars
 from analysis.report.result_table import (
     ResultColumn,
     ResultTable,
     attribute,
+    deciding,
     limits,
     p_value,
+    set_aside,
     within,
 )
-from analysis.report.values import frame_of
 from analysis.report.wording import (
     big,
     leading,
     level_text,
-    p_text,
     share,
     share_range,
     t_number,
@@ -51,11 +51,11 @@ from protocols.blocks import (
     Box,
     Cautions,
     FigurePlace,
+    Folded,
     Paragraph,
     Section,
     strong,
 )
-from protocols.errors import count_of
 
 TESTS = {
     "participant-scene": (
@@ -126,6 +126,8 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
                 notes.append(f"the primary comparison ({method} with {against}) has no decisions")
             else:
                 primary = preference(rows, *plan.primary, **how)
+                own = (primary if _key(one) == _key(primary) else one for one in cells.cells)
+                cells = replace(cells, cells=tuple(own))
         people = [max(cell.participants for cell in cells.cells)]
         if primary is not None:  # of all sizes, whoever saw which
             people = [primary.participants, *people]
@@ -193,17 +195,22 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
     def show(self, found: PreferenceResults, plan: PreferencePlan) -> Presentation:
         """Return the primary comparison before all, every comparison, people and scenes."""
         cells, primary = found.table.cells, found.primary
-        sentences = [apa_preference(one, plan, adjusted=len(cells) > 1) for one in cells]
+        sentences = [apa_preference(one, plan) for one in cells]
         lead: tuple[Block, ...] = ()
         headline = sentences[0]
         if primary is not None:
-            headline = apa_preference(primary, plan, adjusted=False)
-            sentences.insert(0, f"Primary comparison: {headline}")
+            headline = apa_preference(primary, plan)
             lead = _lead(primary, headline, plan)
+            sentences = [
+                f"Primary comparison: {headline}",
+                *(s for s in sentences if s != headline),
+            ]
+        table = _table(cells, plan)
         return Presentation(
             lead=lead,
             headline=headline,
-            blocks=tuple(_blocks(found, plan)),
+            blocks=tuple(_blocks(table, plan)),
+            others=(_others(table, plan),),
             further=(
                 Section(
                     "people",
@@ -214,9 +221,13 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
             ),
             sentences=sentences,
             methods=_methods(plan),
-            tables={"preferences.csv": frame_of(cells), "shares.csv": _shares(found)},
+            tables={"preferences.csv": table.every_field(), "shares.csv": _shares(found)},
             figures=tuple(_figures(found, plan)),
         )
+
+
+def _key(cell: Preference) -> tuple[str, str, str]:
+    return cell.method, cell.against, cell.size
 
 
 def _families(primary: bool, count: int, plan: PreferencePlan) -> list[FamilyOfTests]:
@@ -241,7 +252,7 @@ def _shares_by(summed: int, decisions: Comparisons, table: PreferenceTable) -> P
     """Return shares of participants (axis 1 of the counts is summed) or of scenes (axis 0)."""
     found = {}
     for one in table.cells:
-        key = one.method, one.against, one.size
+        key = _key(one)
         chosen, shown, *names = counts(decisions.rows(*key), one.method)
         shares = chosen.sum(axis=summed) / shown.sum(axis=summed)
         found[key] = tuple(zip(names[1 - summed], map(float, shares), strict=True))
@@ -258,11 +269,9 @@ def verdict(cell: Preference, plan: PreferencePlan) -> str:
     }[cell.verdict]
 
 
-def apa_preference(cell: Preference, plan: PreferencePlan, *, adjusted: bool) -> str:
+def apa_preference(cell: Preference, plan: PreferencePlan) -> str:
     """Return one comparison as an APA sentence."""
     found, decided = cell.estimate, cell.test
-    corrected = adjusted and plan.correction != "none"
-    correction = f" ({plan.correction.title()}-adjusted)" * corrected
     test = decided.name
     if decided.t is not None and decided.df is not None and "t" in decided.name.split():
         test = t_text(decided.t, decided.df)
@@ -271,15 +280,14 @@ def apa_preference(cell: Preference, plan: PreferencePlan, *, adjusted: bool) ->
         f"{plan.at(cell.size, ' ({})', 'all sizes together')} in {cell.chosen} of"
         f" {cell.trials} trials, {share(found.share)}, {level_text(found.level)}"
         f" {share_range(found.lower, found.upper)}, {test},"
-        f" {p_text(decided.p_adjusted if adjusted else decided.p)}{correction}, Cohen's h ="
+        f" {apa_p(decided.p, decided.p_adjusted)}, Cohen's h ="
         f" {cell.cohens_h:.2f}, OR = {big(cell.odds_ratio)} [{big(cell.odds_lower)},"
         f" {big(cell.odds_upper)}]."
     )
     if cell.verdict == "equivalent":
-        p = cell.equivalence_p_adjusted if adjusted else cell.equivalence_p
         text += (
             f" The share was equivalent to .5 within ±{share(cell.margin)} (TOST,"
-            f" {p_text(p)}{correction})."
+            f" {apa_p(cell.equivalence_p, cell.equivalence_p_adjusted)})."
         )
     return text
 
@@ -303,23 +311,14 @@ def _methods(plan: PreferencePlan) -> str:
         declared = " was declared beforehand and" if plan.protocol_sha256 else ""
         text += f". The primary comparison{declared} is not adjusted"
     return (
-        f"{text}. Intervals invert the test (Wilson score intervals). Participant-level sign-flip"
-        " tests, pooled exact binomial tests and equivalence tests (two one-sided tests against"
-        f" ±{share(plan.margin)}{', Holm-adjusted as well' * several}) are given beside."
+        f"{text}. Intervals invert the test (Wilson score intervals). Equivalence was judged by two"
+        f" one-sided tests against ±{share(plan.margin)}{', Holm-adjusted as well' * several}."
     )
 
 
 def _lead(primary: Preference, said: str, plan: PreferencePlan) -> tuple[Block, ...]:
-    text = Markup(
-        "Result: {}. Equivalence within ±{}: {}.\n"
-        "Sign-flip test of participants: {} (no smaller than {:.2g} with {})."
-    ).format(
-        strong(verdict(primary, plan)),
-        share(primary.margin),
-        p_text(primary.equivalence_p),
-        p_text(primary.sign_flip_p),
-        primary.sign_flip_floor,
-        count_of(primary.participants, "participant"),
+    text = Markup("Result: {}. This p decides, by the {}.").format(
+        strong(verdict(primary, plan)), TESTS[plan.test][0]
     )
     return (
         Box("Primary comparison", said, text),
@@ -327,64 +326,69 @@ def _lead(primary: Preference, said: str, plan: PreferencePlan) -> tuple[Block, 
     )
 
 
-def _blocks(found: PreferenceResults, plan: PreferencePlan) -> Iterator[Block]:
-    cells, margin = found.table.cells, share(plan.margin)
-    level = plan.limits
-    over = f", Holm-adjusted over {len(cells)}" * (plan.correction == "holm" and len(cells) > 1)
+def _named(cell: Preference, plan: PreferencePlan) -> str:
+    return plan.named(cell.method, cell.against, cell.size)
 
-    def name(cell: Preference) -> str:
-        return plan.named(cell.method, cell.against, cell.size)
 
-    yield FigurePlace("preference")
-    yield ResultTable.of(
-        f"Every comparison, p by {TESTS[plan.test][0]}{over}",
+def _table(cells: Sequence[Preference], plan: PreferencePlan) -> ResultTable[Preference]:
+    level, margin = plan.limits, share(plan.margin)
+    alone = ", the primary comparison alone" * (plan.primary in [*map(_key, cells)])
+    return ResultTable.of(
+        f"Every comparison, p by {TESTS[plan.test][0]}{over(cells, plan)}{alone}",
         cells,
-        ResultColumn("Comparison", "l c", name),
+        ResultColumn("Comparison", "l c", lambda c: _named(c, plan)),
         ResultColumn("Chosen", "n", lambda c: f"{c.chosen} / {c.trials}"),
         attribute("Share", "estimate.share", share, "strong"),
         *within(attrgetter("estimate"), (limits(level, share_range),)),
         ResultColumn("t(df)", "n", lambda c: t_number(c.test.t, c.test.df)),
-        p_value("p", "test.p"),
-        p_value("p adj.", "test.p_adjusted"),
+        deciding("test.p_adjusted"),
         attribute("h", "cohens_h"),
         attribute("OR", "odds_ratio", big, "n"),
         ResultColumn("Result", "l", lambda c: verdict(c, plan)),
-    ).block()
+        p_value("Pooled exact p", "exact_p"),
+        set_aside(
+            ResultColumn(
+                "Clopper-Pearson", "n", lambda c: share_range(c.exact_lower, c.exact_upper)
+            )
+        ),
+        p_value("Sign-flip p", "sign_flip_p"),
+        set_aside(attribute("Floor", "sign_flip_floor", "{:.2g}".format)),
+        p_value(f"TOST p (±{margin})", "equivalence_p_adjusted"),
+        set_aside(attribute("eff. n", "estimate.effective_n", "{:.0f}".format)),
+        set_aside(attribute("SD of participants", "participant_sd", share)),
+    )
+
+
+def _blocks(table: ResultTable[Preference], plan: PreferencePlan) -> Iterator[Block]:
+    yield FigurePlace("preference")
+    yield table.block()
     yield Paragraph(
-        "p adj. decides: p corrected for the number of comparisons. Limits leave out .5"
-        " exactly where p is small. t(df): clustered score test of the share against .5; p"
-        " is never smaller than that of independent trials, or of unanimous participants."
-        " h (Cohen): size of that distance, .2 small,"
+        "Limits leave out .5 exactly where p before correction is small. t(df): clustered score"
+        " test of the share against .5; p is never smaller than that of independent trials, or of"
+        " unanimous participants. h (Cohen): size of that distance, .2 small,"
         " .5 medium, .8 large. OR: odds of choosing the first method, 1 at .5.",
         muted=True,
     )
-    yield ResultTable.of(
-        "Beside it: sign-flip test with its floor, equivalence, and the papers' pooled exact test",
-        cells,
-        ResultColumn("Comparison", "l c", name),
-        attribute("eff. n", "estimate.effective_n", "{:.0f}".format),
-        p_value("Sign-flip p", "sign_flip_p"),
-        attribute("Floor", "sign_flip_floor", "{:.2g}".format),
-        p_value(f"TOST p adj. (±{margin})", "equivalence_p_adjusted"),
-        attribute("SD of participants", "participant_sd", share),
-        p_value("Pooled exact p", "exact_p"),
-        ResultColumn(
-            "Clopper-Pearson",
-            "n",
-            lambda c: share_range(c.exact_lower, c.exact_upper),
-        ),
-    ).block()
-    yield Paragraph(
-        "eff. n: so many independent trials would tell as much. Sign-flip: a test of the"
-        " participants' own shares that assumes no normal law; with so few people p cannot fall"
-        f" below the floor. TOST: a small p shows that the share lies within ±{margin} of .5,"
-        f" too near to matter. Clopper-Pearson: pooled exact {level}. The pooled tests take"
-        " trials as independent. They are not: at a participant SD of 0.5 logits they call"
-        " chance an effect more than twice as often as they say.",
-        muted=True,
+    yield Cautions.each(
+        "When not to trust these comparisons", table.rows, lambda one: _named(one, plan)
     )
-    yield Cautions.each("When not to trust these comparisons", cells, name)
-    yield FigurePlace("forest")
+
+
+def _others(table: ResultTable[Preference], plan: PreferencePlan) -> Folded:
+    return table.folded(
+        "Pooled exact test, sign-flip test, equivalence",
+        "Papers print the pooled exact binomial test. It takes trials as independent, which they"
+        " are not: at a participant SD of 0.5 logits it calls chance an effect more than twice as"
+        " often as it says. The sign-flip test of the participants' own shares assumes no normal"
+        " law, but its p cannot fall below the floor. Equivalence asks another question: a small p"
+        f" of TOST shows that the share lies within ±{share(plan.margin)} of .5, too near to"
+        " matter.",
+        Paragraph(
+            f"Clopper-Pearson: pooled exact {plan.limits}. eff. n: so many independent trials would"
+            " tell as much.",
+            muted=True,
+        ),
+    )
 
 
 def _shares(found: PreferenceResults) -> pd.DataFrame:
@@ -406,13 +410,6 @@ def _figures(found: PreferenceResults, plan: PreferencePlan) -> Iterator[PartFig
         f" often. Whiskers: {plan.limits} that respect participants and scenes; dots:"
         " participants; dashed: chance.",
         partial(preference_bars, cells, dots, label=plan.label),
-    )
-    yield PartFigure(
-        "forest",
-        f"Odds of choosing the first method of each pair, with {plan.limits} (each comparison"
-        " alone). Blue: the first is preferred after correction; orange: the second; grey:"
-        " neither is. Grey band: smaller than the smallest effect of interest.",
-        partial(forest_plot, cells, label=plan.label),
     )
     yield _heat_map("participants", found.participant_shares, plan)
     yield _heat_map("scenes", found.scene_shares, plan)

@@ -18,7 +18,7 @@ from analysis.models.ordinal import (
     paired_ratings,
     rating_model,
 )
-from analysis.parts import Estimate, PartFigure, Presentation, SimplePart, Tests
+from analysis.parts import AnalysisPlan, Estimate, PartFigure, Presentation, SimplePart, Tests
 from analysis.parts.margins import (
     contrast_sentences,
     contrasts_table,
@@ -30,9 +30,9 @@ from analysis.parts.shared import (
     between,
     compared,
     decides,
-    draws_of,
-    many,
+    deciding_column,
     mean_differences_p,
+    over,
     pairs_in,
     ratio_told,
     sd_text,
@@ -43,14 +43,12 @@ from analysis.plots.tasks import ratings_plot
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.result_table import (
     T_DF,
-    TESTED,
     ResultColumn,
     ResultTable,
     attribute,
     estimated,
     limits,
 )
-from analysis.report.values import frame_of
 from analysis.report.wording import (
     NOT_IDENTIFIED,
     by_how_much,
@@ -161,11 +159,11 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
     def show(self, found: RatingResults, plan: RatingPlan) -> Presentation:
         """Return places, comparisons, people, and the clearest comparison before all."""
         model, pairs = found.model, not plan.by
-        places, holm = _places(model, plan), plan.correction == "holm"
+        places, comparisons = _places(model, plan), _comparisons(model, plan)
         own = [one.p for one in model.contrasts]
         first = model.contrasts[min(range(len(own)), key=lambda k: (math.isnan(own[k]), own[k]))]
+        headline = apa_rating(first, model, plan)
         count = sum(decides(one, plan) < plan.alpha for one in model.contrasts)
-        draws = draws_of(model.contrasts, plan)
         differ = f"{count} of {len(own)} comparisons differ"
         if len(own) < 2:
             differ = "They differ" if count else "No difference is shown"
@@ -177,21 +175,20 @@ class RatingsPart(SimplePart[RatingPlan, RatingResults]):
             lead=(
                 Box(
                     "Clearest comparison",
-                    apa_rating(first, model, draws),
-                    f"{differ},"
-                    f" two-sided{', Holm-adjusted' * (holm and len(own) > 1)}, by"
+                    headline,
+                    f"{differ}, two-sided{over(own, plan)}, by"
                     f" {tests_of(model.contrasts).partition(',')[0]}.",
                 ),
             ),
-            headline=apa_rating(first, model, draws),
-            blocks=_blocks(model, places, plan),
+            headline=headline,
+            blocks=_blocks(model, places, comparisons, plan),
             further=(Section("people", "Participants", "Participants", _people(found)),),
             sentences=(
-                *(apa_rating(one, model, draws) for one in model.contrasts),
+                *(apa_rating(one, model, plan) for one in model.contrasts),
                 *contrast_sentences(model.margins, plan, _unit(model)),
             ),
             methods=_methods(found, plan),
-            tables=_tables(model, places),
+            tables=_tables(model, places, comparisons),
             scripts={} if pairs else _scripts(model, plan),
             figures=(
                 PartFigure("ratings", caption, partial(ratings_plot, model, shares=not pairs)),
@@ -207,10 +204,9 @@ def _family(count: int, plan: RatingPlan) -> FamilyOfTests:
     )
 
 
-def apa_rating(one: RatingDifference, model: RatingModel, draws: int = 0) -> str:
+def apa_rating(one: RatingDifference, model: RatingModel, plan: AnalysisPlan) -> str:
     """Return a sentence on how much higher one condition is rated."""
-    law = "likelihood ratio, " * (not many(model.contrasts))
-    law += f"cumulative {model.link} mixed model"
+    law = f"cumulative {model.link} mixed model"
     if math.isnan(one.difference):
         return f"How {one.first} was rated against {one.second} is {NOT_IDENTIFIED}."
     apart = by_how_much(one, one.difference, _unit(model), ("above", "below"))
@@ -218,8 +214,8 @@ def apa_rating(one: RatingDifference, model: RatingModel, draws: int = 0) -> str
         f"{one.first} was rated {apart} {one.second} (difference"
         f" {placed(one, one.difference)}, {level_text(one.level)}"
         f" {number_range(one.lower, one.upper)}),"
-        f" {apa_test(one, law, draws)}; one showing of it is rated higher with a chance of"
-        f" {leading(f'{one.superiority:.2f}')}."
+        f" {apa_test(one, model.contrasts, plan, law)}; one showing of it is rated higher"
+        f" with a chance of {leading(f'{one.superiority:.2f}')}."
     )
 
 
@@ -270,20 +266,28 @@ def _shares(model: RatingModel, one: RatedCondition) -> dict[str, object]:
     return dict(zip(names, one.shares, strict=True))
 
 
-def _blocks(
-    model: RatingModel, places: ResultTable[RatedCondition], plan: RatingPlan
-) -> tuple[Block, ...]:
-    pairs, unit = not plan.by, _unit(model)
-    differences = ResultTable.of(
-        "Comparisons",
+def _comparisons(model: RatingModel, plan: RatingPlan) -> ResultTable[RatingDifference]:
+    value = estimated(f"Difference, {_unit(model)}", "difference")
+    higher = attribute("Rated higher", "superiority", share)
+    return ResultTable.of(
+        f"Comparisons{over(model.contrasts, plan)}",
         model.contrasts,
         compared(plan),
-        estimated(f"Difference, {unit}", "difference"),
+        value,
         limits(plan.limits),
         T_DF,
-        *TESTED[1:],
-        attribute("Rated higher", "superiority", share),
+        deciding_column(plan),
+        higher,
     )
+
+
+def _blocks(
+    model: RatingModel,
+    places: ResultTable[RatedCondition],
+    comparisons: ResultTable[RatingDifference],
+    plan: RatingPlan,
+) -> tuple[Block, ...]:
+    pairs, unit = not plan.by, _unit(model)
     told = (
         "Ratings cut a latent axis at thresholds (cumulative-link mixed model). Place: where a"
         f" condition lies on it. Random, SD: {sd_text(model.sd)}. Rated higher: the chance that one"
@@ -302,8 +306,8 @@ def _blocks(
     middle = f"Means on the latent axis, {unit} from the middle of all thresholds"
     return (
         FigurePlace("ratings"),
+        comparisons.block(),
         places.block(),
-        differences.block(),
         *means_table(middle, model.margins, plan),
         *contrasts_table(model.margins, plan, unit),
         Paragraph(told, muted=True),
@@ -369,11 +373,15 @@ def _scripts(model: RatingModel, plan: RatingPlan) -> dict[str, str]:
     )
 
 
-def _tables(model: RatingModel, places: ResultTable[RatedCondition]) -> dict[str, pd.DataFrame]:
+def _tables(
+    model: RatingModel,
+    places: ResultTable[RatedCondition],
+    comparisons: ResultTable[RatingDifference],
+) -> dict[str, pd.DataFrame]:
     cuts = {"below": model.used[:-1], "above": model.used[1:], "threshold": model.thresholds}
     return {
         "ratings.csv": places.frame(),
-        "comparisons.csv": frame_of(model.contrasts),
+        "comparisons.csv": comparisons.every_field(),
         **margin_tables(model.margins, "ratings"),
         "thresholds.csv": pd.DataFrame(cuts),
     }

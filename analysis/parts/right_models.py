@@ -36,20 +36,17 @@ from analysis.report.result_table import (
     ResultTable,
     attribute,
     limits,
-    p_value,
 )
 from analysis.report.wording import (
-    NOT_IDENTIFIED,
     big,
     law,
     number,
-    p_text,
+    p_number,
     share,
     share_range,
-    t_text,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Cautions, Paragraph, grouped
+from protocols.blocks import Cautions, Folded, Paragraph, grouped
 
 
 @dataclass(frozen=True)
@@ -113,21 +110,31 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
         groups, formula = found.groups, found.independent.formula
         random = "as crossed" if len(groups) > 1 else f"{groups[0]}s as"
         terms = _terms(found)
+        blocks = (
+            terms.block(),
+            Paragraph(
+                "b: logarithm of the odds (OR) of a right answer. The first takes trials as"
+                " independent, as papers print it; the second clusters its errors by"
+                f" {' and '.join(groups)}; the third has"
+                f" {'them ' * (len(groups) > 1)}{random} random intercepts and lets effects"
+                f" differ between them ({law_of_mixed(scenes=len(groups) > 1)}), and so speaks"
+                f" of the typical {groups[0]}."
+                + f" Its statistic is the root of the likelihood ratio without the term"
+                f"{bootstrapped(plan.bootstrap_draws)}, which errs less often than Wald's."
+                * any(one.by_ratio for one in found.mixed.coefficients),
+                muted=True,
+            ),
+        )
         return Presentation(
-            blocks=(
-                terms.block(),
-                Paragraph(
-                    "b: logarithm of the odds (OR) of a right answer. The first takes trials as"
-                    " independent, as papers print it; the second clusters its errors by"
-                    f" {' and '.join(groups)}; the third has"
-                    f" {'them ' * (len(groups) > 1)}{random} random intercepts and lets effects"
-                    f" differ between them ({law_of_mixed(scenes=len(groups) > 1)}), and so speaks"
-                    f" of the typical {groups[0]}."
-                    + f" Its statistic is the root of the likelihood ratio without the term"
-                    f"{bootstrapped(plan.bootstrap_draws)}, which errs less often than Wald's."
-                    * any(one.by_ratio for one in found.mixed.coefficients),
-                    muted=True,
+            others=(
+                Folded(
+                    "Logistic models of right answers",
+                    "Reviewers ask for the mixed model, and papers print the first, which takes"
+                    " trials as independent. They speak of odds, for a participant in the middle.",
+                    blocks,
                 ),
+            ),
+            blocks=(
                 *means_table(
                     f"Marginal means, logits{' at the mean level' * (plan.level is not None)}",
                     found.margins,
@@ -143,14 +150,7 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
                     grouped([(name, fit.warnings) for name, fit in found.fits]),
                 ),
             ),
-            sentences=(
-                *(
-                    apa_term(found.mixed, one.term, plan.bootstrap_draws)
-                    for one in found.mixed.coefficients
-                    if one.term != "Intercept"
-                ),
-                *contrast_sentences(found.margins, plan, "logits"),
-            ),
+            sentences=tuple(contrast_sentences(found.margins, plan, "logits")),
             methods=(
                 f"Logistic models, {formula}, are given with trials as independent, with standard"
                 f" errors clustered by {' and '.join(groups)}, and with"
@@ -180,7 +180,7 @@ def _terms(found: RightModels) -> ResultTable[GroupedRow[tuple[str, ModelFit], C
         attribute("SE", "entry.standard_error", _of_three),
         attribute("Statistic", "entry.statistic"),
         ResultColumn("Law", "", lambda row: law(row.entry.df, row.entry.statistic)),
-        p_value("p", "entry.p"),
+        attribute("p", "entry.p", p_number, "n"),
         ResultColumn("OR", "", lambda row: big(row.entry.odds_ratio)),
         ResultColumn("Random SD", "l", lambda row: sd_text(row.group[1].random_sd) * row.first),
     )
@@ -255,15 +255,3 @@ def _identifier(name: str) -> str:
     # What these mean in a formula or in the table of the model is taken.
     taken = plain in ("C", "Q", "I", "correct", "participant", "scene") or not plain.isidentifier()
     return f"x_{plain}" if taken else plain
-
-
-def apa_term(fit: ModelFit, term: str, draws: int = 0) -> str:
-    """Return one coefficient of a model of right answers as a sentence."""
-    row = fit[term]
-    if np.isnan(row.estimate):
-        return f"{term}: {NOT_IDENTIFIED} ({fit.method})."
-    ratio = f"likelihood ratio{bootstrapped(draws)}; " * row.by_ratio
-    return (
-        f"{term}: b = {number(row.estimate, 3)}, SE = {number(row.standard_error, 3)},"
-        f" {t_text(row.statistic, row.df)}, {p_text(row.p)} ({ratio}{fit.method})."
-    )

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 from typing import ClassVar
 
 import numpy as np
@@ -14,9 +15,8 @@ from analysis.arrays import Floats
 from analysis.models.bootstrap import ScaleIntervals, bootstrap_scale
 from analysis.models.compared_methods import as_numbers, numbered_names
 from analysis.models.observers import ObserverCheck, check_observers
-from analysis.models.scaling import Contrast, Scale, equal_scores, scale
+from analysis.models.scaling import Scale, scale
 from analysis.parts import PartFigure, Presentation, SimplePart, tried
-from analysis.parts.shared import adjusted
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import jod_plot
 from analysis.report.result_table import (
@@ -25,18 +25,24 @@ from analysis.report.result_table import (
     attribute,
     estimated,
     limits,
-    p_value,
 )
 from analysis.report.values import frame_of
 from analysis.report.wording import (
     leading,
     number,
-    number_range,
+    p_number,
     p_text,
-    placed,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Block, Cautions, FigurePlace, Heading, Paragraph, grouped
+from protocols.blocks import (
+    Block,
+    Cautions,
+    FigurePlace,
+    Folded,
+    Heading,
+    Paragraph,
+    grouped,
+)
 
 BOOTSTRAP_SAMPLES = 2000
 
@@ -54,11 +60,20 @@ class MethodScore:
 
 
 @dataclass(frozen=True)
-class SizedContrast(Contrast):
-    """A contrast at a size, with limits."""
+class JodDifference:
+    """Distance of two methods, with limits and p of the two-way bootstrap.
 
+    `clustered_p_adjusted` is Holm's over the scale's; None where one participant's votes are all
+    there is.
+    """
+
+    first: str
+    second: str
+    difference: float
     lower: float = math.nan
     upper: float = math.nan
+    clustered_p: float | None = None
+    clustered_p_adjusted: float | None = None
     size: str = ""
 
 
@@ -69,7 +84,7 @@ class SizeScale:
     size: str
     scale: Scale
     intervals: ScaleIntervals | None
-    contrasts: tuple[Contrast, ...]
+    contrasts: tuple[JodDifference, ...]
     observers: ObserverCheck
     warnings: tuple[str, ...]
 
@@ -83,16 +98,6 @@ class SizeScale:
             MethodScore(name, jod, lower, upper, error, self.size)
             for name, (jod, lower, upper, error) in zip(names, rows, strict=True)
         ]
-
-    def differences(self) -> list[SizedContrast]:
-        """Return contrasts with their limits."""
-        names, limits, found = self.scale.conditions, self.intervals, []
-        for one in self.contrasts:
-            place, ends = (names.index(one.first), names.index(one.second)), (math.nan, math.nan)
-            if limits is not None:
-                ends = float(limits.difference_lower[place]), float(limits.difference_upper[place])
-            found.append(SizedContrast(**vars(one), lower=ends[0], upper=ends[1], size=self.size))
-        return found
 
 
 @dataclass(frozen=True)
@@ -136,13 +141,19 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
             f" {100 * plan.confidence:g} % bootstrap limits."
         )
         scales = {one.size: (one.scale, one.intervals) for one in found.sizes}
-        scores, gaps = (
-            [row for one in found.sizes for row in made(one)]
-            for made in (SizeScale.scores, SizeScale.differences)
-        )
+        scores = [row for one in found.sizes for row in one.scores()]
+        gaps = [row for one in found.sizes for row in one.contrasts]
         return Presentation(
             blocks=tuple(_blocks(found, plan)),
-            sentences=tuple(_sentences(found, plan)),
+            others=(
+                Folded(
+                    "Differences in JOD",
+                    "They say how far methods lie apart in the unit of the papers' scales; all"
+                    " comparisons together place each method, so that one may differ here from its"
+                    " own share of choices.",
+                    tuple(_differences(found, plan)),
+                ),
+            ),
             methods=(
                 "Quality in just objectionable differences (JOD; 1 JOD = 75% of choices) was"
                 " estimated by maximum likelihood under Thurstone's Case V, with two-way bootstrap"
@@ -155,22 +166,6 @@ class ScalePart(SimplePart[PreferencePlan, Scales]):
 
 def _family(methods: int) -> FamilyOfTests:
     return FamilyOfTests("difference", " in JOD", math.comb(methods, 2))
-
-
-def _sentences(found: Scales, plan: PreferencePlan) -> Iterator[str]:
-    level = f"{100 * plan.confidence:g}% CI"
-    for size in found.sizes:
-        for one in size.differences():
-            p, also = (
-                math.nan if own is None else own
-                for own in (one.clustered_p, one.clustered_p_adjusted)
-            )
-            yield (
-                f"{plan.label(one.first)} minus {plan.label(one.second)}"
-                f"{plan.at(size.size, ' ({})')}: {placed(one, one.difference)} {size.scale.unit},"
-                f" {level} {number_range(one.lower, one.upper)},"
-                f" {p_text(p)}{adjusted(p, also, 'two-way bootstrap')}."
-            )
 
 
 def votes_of(decisions: pd.DataFrame, methods: tuple[str, ...]) -> tuple[Floats, list[str]]:
@@ -210,7 +205,8 @@ def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> Siz
         scale=fitted,
         intervals=intervals,
         contrasts=tuple(
-            _clustered(one, methods, intervals) for one in equal_scores(total, methods)
+            _difference(fitted, place, intervals, size)
+            for place in combinations(range(len(methods)), 2)
         ),
         observers=check_observers(
             votes.sum(axis=1), people, rng=np.random.default_rng(SEED), alpha=plan.alpha
@@ -219,16 +215,22 @@ def _size_scale(decisions: pd.DataFrame, plan: PreferencePlan, size: str) -> Siz
     )
 
 
-def _clustered(
-    one: Contrast, methods: tuple[str, ...], intervals: ScaleIntervals | None
-) -> Contrast:
+def _difference(
+    fitted: Scale, place: tuple[int, int], intervals: ScaleIntervals | None, size: str
+) -> JodDifference:
+    first, second = (fitted.conditions[one] for one in place)
+    gap = float(fitted.scores[place[0]] - fitted.scores[place[1]])
     if intervals is None:
-        return one
-    place = methods.index(one.first), methods.index(one.second)
-    return replace(
-        one,
-        clustered_p=float(intervals.difference_p[place]),
-        clustered_p_adjusted=float(intervals.difference_p_adjusted[place]),
+        return JodDifference(first, second, gap, size=size)
+    return JodDifference(
+        first,
+        second,
+        gap,
+        float(intervals.difference_lower[place]),
+        float(intervals.difference_upper[place]),
+        float(intervals.difference_p[place]),
+        float(intervals.difference_p_adjusted[place]),
+        size,
     )
 
 
@@ -246,15 +248,6 @@ def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
             limits(plan.limits),
             attribute("bootstrap SE", "standard_error"),
         ).block()
-        yield ResultTable.of(
-            "Differences; limits and p by bootstrap of participants and scenes, p adj. by Holm",
-            size.differences(),
-            ResultColumn("Methods", "l", lambda one: f"{label(one.first)} - {label(one.second)}"),
-            estimated("JOD", "difference"),
-            limits(plan.limits),
-            p_value("p", "clustered_p"),
-            p_value("p adj.", "clustered_p_adjusted"),
-        ).block()
         yield Paragraph(" ".join(_checks(size, plan)), muted=True)
     notes = [
         (
@@ -269,19 +262,29 @@ def _blocks(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
     yield Cautions("When not to trust these scales", grouped(notes))
 
 
+def _differences(found: Scales, plan: PreferencePlan) -> Iterator[Block]:
+    for size in found.sizes:
+        yield ResultTable.of(
+            f"By bootstrap of participants and scenes, p adj. by Holm{plan.at(size.size, ' ({})')}",
+            size.contrasts,
+            ResultColumn(
+                "Methods", "l", lambda one: f"{plan.label(one.first)} - {plan.label(one.second)}"
+            ),
+            estimated("JOD", "difference"),
+            limits(plan.limits),
+            attribute("p", "clustered_p", p_number),
+            attribute("p adj.", "clustered_p_adjusted", p_number),
+        ).block()
+
+
 def _checks(one: SizeScale, plan: PreferencePlan) -> Iterator[str]:
     """Yield sentences for and against one axis."""
     fitted = one.scale
-    axis = ""
     if fitted.fit_df > 0:
-        axis = (
-            f"; one axis suffices: χ²({fitted.fit_df}) = {number(fitted.deviance)},"
-            f" {p_text(fitted.fit_p)}"
+        yield (
+            f"One axis suffices: χ²({fitted.fit_df}) = {number(fitted.deviance)},"
+            f" {p_text(fitted.fit_p)} (likelihood ratio, trials as independent)."
         )
-    yield (
-        f"All equal: χ²({fitted.equal_df}) = {number(fitted.equal_statistic, 1)},"
-        f" {p_text(fitted.equal_p)}{axis} (likelihood ratios, trials as independent)."
-    )
     rate = f"unlike the others (family-wise rate {leading(f'{plan.alpha:g}')})"
     flagged = ", ".join(one.observers.flagged)
     if flagged or not one.observers.turned:

@@ -34,6 +34,7 @@ from analysis.parts.shared import (
     apa_difference,
     condition,
     difference_estimates,
+    difference_table,
     difference_tables,
     estimate,
     in_order,
@@ -44,16 +45,17 @@ from analysis.parts.shared import (
 from analysis.plans.rate_plan import RatePlan, baseline_in, shown_in
 from analysis.plots import d_prime_plot, detection_plot
 from analysis.report.result_table import (
-    P_VALUE,
+    DECIDES,
     ResultColumn,
     ResultTable,
     attribute,
+    deciding,
     estimated,
     limits,
     p_value,
+    set_aside,
     within,
 )
-from analysis.report.values import frame_of
 from analysis.report.wording import (
     NONE,
     level_text,
@@ -66,7 +68,7 @@ from analysis.report.wording import (
     t_text,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Cautions, FigurePlace, Paragraph, grouped
+from protocols.blocks import Cautions, FigurePlace, Folded, Paragraph, grouped
 
 TRUST = "When not to trust these sensitivities"
 
@@ -126,8 +128,8 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
             found.correction,
             tuple(notes),
         )
-        if results.alone is None or plan.adaptive or len(found.conditions) == 1:
-            return results  # of a single condition `ComparisonsPart` says it
+        if results.alone is None or plan.adaptive:
+            return results
         few = planned_family(0, plan).hopeless(table["participant"].nunique(), plan.alpha)
         return replace(results, notes=(*notes, *few))
 
@@ -174,7 +176,12 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
         """Return hits and false alarms, what follows from them, and differences."""
         label, cells = plan.label, found.conditions
         answer = label(cells[0].bias_answer)
-        compared = [one for _, several in found.measures for one in several]
+        known = [(name, several) for name, several in found.measures if several]
+        compared = [one for _, several in known for one in several]
+        main, rest = known[: 2 * (not plan.by_threshold)], known[2 * (not plan.by_threshold) :]
+        tested = [one for _, several in main for one in several]
+        files = difference_table(compared, plan).every_field(kind=Difference)
+        files.loc[len(tested) :, DECIDES] = ""
         table = _yes_no_table(found, plan)
         figures = [
             PartFigure(
@@ -198,18 +205,32 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
                 FigurePlace("sensitivity"),
                 table.block(),
                 Paragraph(
-                    "d': how far signal and noise lie apart, in standard deviations of the noise; p"
-                    " against 0. c: where the criterion lies; negative: inclined to"
+                    "d': how far signal and noise lie apart, in standard deviations of the noise."
+                    " Deciding p: against 0. c: where the criterion lies; negative: inclined to"
                     f' "{answer}". Of the whole table: participants who set different criteria make'
                     " this d' smaller than their own.",
                     muted=True,
                 ),
                 *(
                     block
-                    for name, several in found.measures
+                    for name, several in main
                     for block in difference_tables(f"Differences of {name}", several, plan)
                 ),
                 Cautions.each(TRUST, cells, lambda one: label(one.condition)),
+            ),
+            others=(
+                table.folded(
+                    f'Share answered "{answer}", against one half',
+                    "Papers print it as bias. It depends on how often the signal was there, and on"
+                    " d'; the criterion does not.",
+                    *(
+                        block
+                        for name, several in rest
+                        for block in difference_tables(
+                            f"Differences of {name}", several, plan, told=False
+                        )
+                    ),
+                ),
             ),
             sentences=(
                 *(
@@ -218,12 +239,12 @@ class YesNoPart(SimplePart[RatePlan, YesNoSensitivity]):
                     )
                     for one in cells
                 ),
-                *(apa_difference(one, label) for one in compared if not plan.adaptive),
+                *(apa_difference(one, plan) for one in tested),
             ),
             methods=methods_yes_no(found),
             tables={
                 "sensitivity.csv": table.every_field(),
-                "sensitivity_differences.csv": frame_of(compared, Difference),
+                "sensitivity_differences.csv": files,
             },
             figures=figures,
         )
@@ -328,26 +349,31 @@ def _yes_no_table(found: YesNoSensitivity, plan: RatePlan) -> ResultTable[YesNoC
             "n",
             lambda one: f"{one.false_alarms} / {one.false_alarms + one.correct_rejections}",
         ),
-        *_measured("d'", lambda one: one.d_prime),
-        *_measured("c", lambda one: one.criterion),
-        attribute(f'Share "{answer}"', "bias.share", share),
+        *_measured("d'", "d_prime_p", lambda one: one.d_prime),
+        *_measured("c", "criterion_p", lambda one: one.criterion),
+        set_aside(attribute(f'Share "{answer}"', "bias.share", share)),
         p_value("p", "bias.p"),
     )
 
 
 def _measured(
-    title: str, of: Callable[[YesNoCondition], Measure | None]
+    title: str, file: str, of: Callable[[YesNoCondition], Measure | None]
 ) -> Iterator[ResultColumn[YesNoCondition]]:
-    """Yield the columns of a quantity; none where it cannot be had."""
+    """Yield the columns of a quantity, its p as `file` names it; none where it cannot be had."""
 
     def known(column: ResultColumn[Measure]) -> ResultColumn[Measure | None]:
         text = column.text
         return ResultColumn(
-            column.title, column.style, lambda one: NONE if one is None or not text else text(one)
+            column.title,
+            column.style,
+            lambda one: NONE if one is None or not text else text(one),
+            decides=lambda one: "" if one is None else str(column.decides),
         )
 
-    columns: tuple[ResultColumn[Measure], ...] = (estimated(title, "value"), limits(), P_VALUE)
-    yield from within(of, map(known, columns))
+    value: tuple[ResultColumn[Measure], ...] = (estimated(title, "value"), limits())
+    yield from within(of, map(known, value))
+    p: ResultColumn[Measure] = deciding("p", file)
+    yield from within(of, [known(p)])
 
 
 def apa_yes_no(one: YesNoCondition, *, name: str = "") -> str:
@@ -356,7 +382,7 @@ def apa_yes_no(one: YesNoCondition, *, name: str = "") -> str:
     bias = one.bias
     said = (
         f'"{one.bias_answer}" was answered in {share(bias.share)} of trials,'
-        f" {level_text(bias.level)} {share_range(bias.lower, bias.upper)}, {p_text(bias.p)}"
+        f" {level_text(bias.level)} {share_range(bias.lower, bias.upper)}"
     )
     if one.d_prime is None or one.criterion is None:
         return f"In condition {who}, {said} (signal and noise were not both shown: no d')."
@@ -411,6 +437,11 @@ class TypicalPart(SimplePart[RatePlan, TypicalSensitivity]):
 
     name: ClassVar[str] = "typical"
     section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
+    beside: ClassVar[tuple[str, str]] = (
+        "d' of the typical participant",
+        "People who set different criteria make d' of the whole table smaller than their own; this"
+        " model gives each participant a criterion and a d'.",
+    )
 
     def of(self, table: pd.DataFrame, plan: RatePlan) -> TypicalSensitivity:
         """Fit d' of the typical participant, condition by condition."""
@@ -575,7 +606,16 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
             attribute("Share", "correct.share", share),
             estimated("d'", "d_prime"),
             limits(plan.limits),
-            p_value("p", "correct.p"),
+            replace(deciding("correct.p", "correct_p"), text=None),
+        )
+        told = not plan.by_threshold
+        title = "Differences of shares of right answers"
+        differences = difference_tables(title, found.contrasts, plan, told=told)
+        files = difference_table(found.contrasts, plan, told=told).every_field(kind=Difference)
+        beside = Folded(
+            title,
+            "Levels were chosen from the answers: thresholds compare, shares do not.",
+            differences,
         )
         caption = f"Sensitivity d' by condition with {plan.limits}."
         draw = partial(d_prime_plot, found, label=label)
@@ -585,11 +625,10 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
                 table.block(),
                 Paragraph(
                     "d': how far the stimuli lie apart, in standard deviations of the noise, for an"
-                    " observer who decides as the rule in brackets says. Limits and p are the"
-                    " share's.",
+                    " observer who decides as the rule in brackets says. Limits are the share's.",
                     muted=True,
                 ),
-                *difference_tables("Differences of shares of right answers", found.contrasts, plan),
+                *(differences if told else ()),
                 *(
                     rate_table(
                         f'How often "{label(plan.answers[0])}" was answered, against one half',
@@ -601,14 +640,15 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
                 ),
                 Cautions.each(TRUST, cells, lambda one: label(one.condition)),
             ),
+            others=(beside,) * (not told and bool(differences)),
             sentences=(
                 *(apa_discrimination(one, found.rule, name=label(one.condition)) for one in cells),
-                *(apa_difference(one, label) for one in found.contrasts if not plan.adaptive),
+                *(apa_difference(one, plan) for one in found.contrasts if told),
             ),
             methods=methods_discrimination(found),
             tables={
                 "sensitivity.csv": table.every_field(),
-                "sensitivity_differences.csv": frame_of(found.contrasts, Difference),
+                "sensitivity_differences.csv": files,
             },
             figures=(PartFigure("sensitivity", caption, draw),),
         )
@@ -620,8 +660,7 @@ def apa_discrimination(one: Discrimination, rule: str, *, name: str = "") -> str
     return (
         f"In condition {name or one.condition}, d' = {placed(one, one.d_prime)},"
         f" {level_text(right.level)} {number_range(one.lower, one.upper)} ({rule}), from"
-        f" {share(right.share)} correct answers, {p_text(right.p)} against chance"
-        f" ({share(right.chance)})."
+        f" {share(right.share)} correct answers."
     )
 
 

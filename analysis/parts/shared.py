@@ -24,21 +24,21 @@ from analysis.models.right_answers import Rate
 from analysis.parts import AnalysisPlan, Estimate
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan
-from analysis.plans.rating_plan import RatingPlan
 from analysis.report.result_table import (
-    TESTED,
+    T_DF,
     ResultColumn,
     ResultTable,
     attribute,
+    deciding,
     estimated,
     limits,
+    undecided,
 )
 from analysis.report.wording import (
     NONE,
     level_text,
     number,
     number_range,
-    p_number,
     p_text,
     placed,
     t_text,
@@ -68,9 +68,30 @@ def between(one: Comparison, plan: AnalysisPlan, sign: str = "-") -> str:
     return f"{plan.label(one.first)} {sign} {plan.label(one.second)}"
 
 
-def decides(one: Comparison, plan: RatePlan | RatingPlan) -> float:
+SIGN_FLIP = (
+    "The sign-flip test of the participants' own values assumes no normal law; with few people its"
+    " p cannot be small."
+)
+
+
+def corrects(plan: AnalysisPlan) -> bool:
+    """Return True if p is corrected for the number of comparisons."""
+    return getattr(plan.section, "correction", "holm") == "holm"
+
+
+def decides(one: Comparison, plan: AnalysisPlan) -> float:
     """Return the p that decides: adjusted where the plan asks for it."""
-    return one.p_adjusted if plan.correction == "holm" else one.p
+    return one.p_adjusted if corrects(plan) else one.p
+
+
+def deciding_column(plan: AnalysisPlan) -> ResultColumn[object]:
+    """Return the column of that p."""
+    return deciding(f"p{'_adjusted' * corrects(plan)}")
+
+
+def over(found: Sequence[object], plan: AnalysisPlan) -> str:
+    """Return the words on the correction of so many comparisons; none of one."""
+    return f", Holm-adjusted over {len(found)}" * (corrects(plan) and len(found) > 1)
 
 
 def many(found: Sequence[Comparison]) -> bool:
@@ -103,29 +124,31 @@ def ratio_told(found: Sequence[Comparison], plan: AnalysisPlan) -> str:
     if told := many_told(found, plan):
         return f"{told} p and limits: Wald's."
     return (
-        "p and limits: of the likelihood ratio against each value of the difference"
+        "Deciding p and limits: of the likelihood ratio against each value of the difference"
         f"{bootstrapped(plan.bootstrap_draws) or ', whose root is judged by t'}."
     )
 
 
-def apa_test(one: Comparison, more: str = "", draws: int = 0) -> str:
-    """Return a test for a sentence: ``t(5) = 2.31, p = .069 (.138 Holm-adjusted; more)``.
+def apa_test(
+    one: RatingDifference | TimeRatio, among: Sequence[Comparison], plan: AnalysisPlan, model: str
+) -> str:
+    """Return the test of a mixed model for a sentence: ``t(5) = 2.31, p = .138 (model)``.
 
-    By a bootstrap of `draws` the likelihood ratio takes the place of its root, which t judges.
+    By a bootstrap the likelihood ratio takes the place of its root, which t judges.
     """
-    also = adjusted(one.p, one.p_adjusted, more + bootstrapped(draws))
+    draws = draws_of(among, plan)
+    more = "likelihood ratio, " * (not many(among)) + model
     judged = f"likelihood ratio {number(one.t**2)}" if draws else t_text(one.t, one.df)
-    return f"{judged}, {p_text(one.p)}{also}"
+    return f"{judged}, {apa_p(one.p, decides(one, plan), more + bootstrapped(draws))}"
 
 
-def adjusted(p: float, p_adjusted: float, more: str = "") -> str:
-    """Return the words after a p in a sentence: `` (.138 Holm-adjusted; more)``.
+def apa_p(p: float, decides: float, more: str = "") -> str:
+    """Return the p that decides, for a sentence: ``p = .138 (Holm-adjusted; more)``.
 
-    Without Holm's p where it is the same, as of a comparison that is the only one.
+    Holm is not named where p is the same without, as of a comparison that is the only one.
     """
-    holms = f"{p_number(p_adjusted)} Holm-adjusted" * (abs(p_adjusted - p) > 1e-12)
-    text = "; ".join(filter(None, (holms, more)))
-    return f" ({text})" if text else ""
+    text = "; ".join(filter(None, ("Holm-adjusted" * (abs(decides - p) > 1e-12), more)))
+    return f"{p_text(decides)} ({text})" if text else p_text(decides)
 
 
 def bootstrapped(draws: int) -> str:
@@ -178,33 +201,42 @@ def pairs_in(cells: pd.DataFrame, plan: AnalysisPlan) -> list[tuple[str, str]]:
     return pairs_of(names, plan.reference_in(names))
 
 
-def difference_tables(
-    caption: str, found: Sequence[Difference], plan: AnalysisPlan
-) -> tuple[Block, ...]:
-    """Return the table of differences, and whose p is held; nothing where there are none."""
-    if not found:
-        return ()
-    table = ResultTable.of(
+def difference_table(
+    found: Sequence[Difference], plan: AnalysisPlan, caption: str = "", *, told: bool = True
+) -> ResultTable[Difference]:
+    """Return the table of differences; `told` if their p decide."""
+    p = deciding_column(plan)
+    return ResultTable.of(
         caption,
         found,
         compared(plan),
         estimated("Difference", "difference"),
         limits(plan.limits),
         attribute("SE", "standard_error"),
-        *TESTED,
+        T_DF,
+        p if told else undecided(p),
     )
+
+
+def difference_tables(
+    caption: str, found: Sequence[Difference], plan: AnalysisPlan, *, told: bool = True
+) -> tuple[Block, ...]:
+    """Return the table of differences, and whose p is held; nothing where there are none."""
+    if not found:
+        return ()
+    table = difference_table(found, plan, f"{caption}{over(found, plan)}", told=told)
     held = grouped([(between(one, plan), (one.held,) if one.held else ()) for one in found])
-    told = many_told(found, plan)
-    more = (Paragraph(told, muted=True),) if told else ()
+    text = many_told(found, plan)
+    more = (Paragraph(text, muted=True),) if text else ()
     return table.block(), *more, Cautions("About these differences", held)
 
 
-def apa_difference(one: Difference, label: Callable[[str], str] = str) -> str:
+def apa_difference(one: Difference, plan: AnalysisPlan) -> str:
     """Return the difference of two conditions as a sentence."""
     return (
-        f"{label(one.first)} minus {label(one.second)}: {placed(one, one.difference)} in"
+        f"{plan.label(one.first)} minus {plan.label(one.second)}: {placed(one, one.difference)} in"
         f" {one.measure}, {level_text(one.level)} {number_range(one.lower, one.upper)},"
-        f" {t_text(one.t, one.df)}, {p_text(one.p)}{adjusted(one.p, one.p_adjusted)}."
+        f" {t_text(one.t, one.df)}, {apa_p(one.p, decides(one, plan))}."
     )
 
 

@@ -22,10 +22,11 @@ from analysis.parts.margins import (
 from analysis.parts.shared import (
     apa_test,
     compared,
-    draws_of,
+    deciding_column,
+    in_order,
     law_of_mixed,
-    many,
     mean_differences_p,
+    over,
     pairs_in,
     ratio_told,
     sd_text,
@@ -34,7 +35,7 @@ from analysis.parts.shared import (
 from analysis.plots import reaction_plot
 from analysis.repeat import scripts
 from analysis.report.result_table import (
-    TESTED,
+    T_DF,
     ResultColumn,
     ResultTable,
     attribute,
@@ -103,7 +104,8 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
         return Times(
             summary=tuple(sorted(summary, key=lambda one: names.index(one.condition))),
             medians=participant_medians(rows, plan.compared),
-            model=model,
+            model=model
+            and replace(model, times=in_order(model.times, plan, lambda one: one.condition)),
             notes=tuple(notes),
         )
 
@@ -132,7 +134,7 @@ class TimesPart(SimplePart[AnalysisPlan, Times]):
             blocks=(*_summary(found, plan), *_model(found.model, plan)),
             sentences=tuple(_sentences(found, plan)),
             methods=" ".join(_methods(found)),
-            tables=_tables(found),
+            tables=_tables(found, plan),
             scripts=_scripts(found.model, plan) if found.model is not None else {},
             figures=(PartFigure("reaction", caption, draw),),
         )
@@ -175,21 +177,26 @@ def _model(model: TimeModel | None, plan: AnalysisPlan) -> Iterator[Block]:
         limits(plan.limits),
     ).block()
     if model.ratios:
-        yield ResultTable.of(
-            "Ratios of answer times",
-            model.ratios,
-            compared(plan, "/"),
-            estimated("Ratio", "ratio"),
-            limits(plan.limits),
-            *TESTED,
-        ).block()
+        yield _ratios(model, plan).block()
     yield from contrasts_table(model.margins, plan, "ratio of times", exponent)
     yield Paragraph(
-        f"Typical: the median answer of the median person. SD of ln s: {sd_text(sd)}. p adj.:"
-        f" Holm. {ratio_told(model.ratios, plan)}",
+        f"Typical: the median answer of the median person. SD of ln s: {sd_text(sd)}."
+        f" {ratio_told(model.ratios, plan)}",
         muted=True,
     )
     yield Cautions("When not to trust this model of times", model.warnings)
+
+
+def _ratios(model: TimeModel, plan: AnalysisPlan) -> ResultTable[TimeRatio]:
+    return ResultTable.of(
+        f"Ratios of answer times{over(model.ratios, plan)}",
+        model.ratios,
+        compared(plan, "/"),
+        estimated("Ratio", "ratio"),
+        limits(plan.limits),
+        T_DF,
+        deciding_column(plan),
+    )
 
 
 def _deviations(model: TimeModel) -> dict[str, float]:
@@ -211,7 +218,6 @@ def _sentences(found: Times, plan: AnalysisPlan) -> Iterator[str]:
             )
         yield f"{text}."
     ratios = found.model.ratios if found.model else ()
-    law = "likelihood ratio, " * (not many(ratios)) + "log-normal mixed model"
     for ratio in ratios:
         first, second = label(ratio.first), label(ratio.second)
         if math.isnan(ratio.ratio):
@@ -220,7 +226,7 @@ def _sentences(found: Times, plan: AnalysisPlan) -> Iterator[str]:
         yield (
             f"Answers to {first} took {placed(ratio, ratio.ratio)} times as long as those to"
             f" {second}, {level_text(ratio.level)} {number_range(ratio.lower, ratio.upper)},"
-            f" {apa_test(ratio, law, draws_of(ratios, plan))}."
+            f" {apa_test(ratio, ratios, plan, 'log-normal mixed model')}."
         )
     if found.model:
         unit = "times as long"
@@ -255,10 +261,10 @@ def _scripts(model: TimeModel, plan: AnalysisPlan) -> dict[str, str]:
     )
 
 
-def _tables(found: Times) -> dict[str, pd.DataFrame]:
+def _tables(found: Times, plan: AnalysisPlan) -> dict[str, pd.DataFrame]:
     tables = {"reaction.csv": frame_of(found.summary)}
     if found.model is not None:
         tables["times.csv"] = frame_of(found.model.times)
-        tables["ratios.csv"] = frame_of(found.model.ratios, TimeRatio)
+        tables["ratios.csv"] = _ratios(found.model, plan).every_field(kind=TimeRatio)
         tables |= margin_tables(found.model.margins, "times")
     return {name: table.replace([np.inf, -np.inf], np.nan) for name, table in tables.items()}

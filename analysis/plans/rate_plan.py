@@ -61,6 +61,11 @@ class RatePlan(AnalysisPlan):
         return 1.0 / self.alternatives
 
     @property
+    def by_threshold(self) -> bool:
+        """True if thresholds decide whether conditions differ, and shares of right answers not."""
+        return self.adaptive
+
+    @property
     def answer_rule(self) -> AnswerRule:
         """Share of right answers of an unbiased observer by d', and back."""
         return answer_rule(self.rule, self.alternatives)
@@ -167,6 +172,11 @@ def rate_plan(study: StudyProtocol) -> RatePlan:
 
 class CurvePlan(RatePlan):
     """Plan of an analysis along a level; all pairs of conditions are compared."""
+
+    @property
+    def by_threshold(self) -> bool:
+        """True: nothing else is compared."""
+        return True
 
     @property
     def counted(self) -> str:

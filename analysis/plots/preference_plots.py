@@ -1,6 +1,5 @@
-"""Preferences as bars in the papers' style, as a forest of odds ratios, and on a scale."""
+"""Preferences as bars in the papers' style, and on a scale."""
 
-import textwrap
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -12,7 +11,6 @@ from analysis.models.scaling import Scale
 from analysis.plots.style import (
     BLUE,
     GREY,
-    LIGHT,
     ORANGE,
     PALE_BLUE,
     PALE_ORANGE,
@@ -60,7 +58,7 @@ def preference_bars(
     """
     rows, headings, place, last = [], [], 0.0, None
     for cell in cells:
-        if cell.size != last and _sized(cells):
+        if cell.size != last and cell.size not in ("", "all"):
             headings.append((place, cell.size))
             place += 0.75
             last = cell.size
@@ -114,7 +112,8 @@ def preference_bars(
 def _split_bar(axes: Axes, y: float, cell: Preference, own: Floats, dot: float) -> None:
     """Draw a bar of both methods, its limits, and participants' own shares."""
     found = cell.estimate
-    first, second = (BLUE, PALE_ORANGE) if found.share > 0.5 else (PALE_BLUE, ORANGE)
+    more = 2 * cell.chosen - cell.trials  # in a tie nobody is dark
+    first, second = BLUE if more > 0 else PALE_BLUE, ORANGE if more < 0 else PALE_ORANGE
     axes.barh(y, found.share, height=0.62, color=first)
     axes.barh(y, 1.0 - found.share, left=found.share, height=0.62, color=second)
     axes.plot([found.lower, found.upper], [y, y], color="black", lw=1.1, zorder=4)
@@ -122,62 +121,6 @@ def _split_bar(axes: Axes, y: float, cell: Preference, own: Floats, dot: float) 
         axes.plot([end, end], [y - 0.13, y + 0.13], color="black", lw=1.1, zorder=4)
     axes.scatter(own, y + _spread(own), s=dot, facecolor="white", edgecolor="black", linewidth=0.5,
                  zorder=5, clip_on=False)  # fmt: skip
-
-
-def forest_plot(
-    cells: Sequence[Preference],
-    *,
-    label: Label = str,
-    width_in: float = 7.0,
-    simulated: bool = False,
-) -> Figure:
-    """Draw odds ratios with clustered limits, on a logarithmic axis, with the margin band.
-
-    Coloured where the verdict, by adjusted p, is a preference; the limits are not adjusted.
-    """
-    names = [_pair(cell, label, width_in, sized=_sized(cells)) for cell in cells]
-    lines = max(name.count("\n") for name in names) + 1
-    row_in = 0.08 + 0.13 * lines if width_in < 5 else 0.30
-    with new_figure(width_in, 0.75 + row_in * len(cells), simulated=simulated) as figure:
-        axes, numbers = figure.subplots(
-            1, 2, sharey=True, width_ratios=(1.0, 0.75 if width_in < 5 else 0.36)
-        )
-        margin = cells[0].margin
-        edge = (0.5 + margin) / (0.5 - margin)
-        axes.axvspan(1 / edge, edge, color=LIGHT, lw=0, zorder=0)
-        null_line(axes, 1.0)
-        for y, cell in enumerate(cells):
-            colour = {"preferred": BLUE, "rejected": ORANGE}.get(cell.verdict, GREY)
-            interval(axes, y, cell.odds_ratio, cell.odds_lower, cell.odds_upper, colour)
-            limits = f"[{_short(cell.odds_lower)}, {_short(cell.odds_upper)}]"
-            text = f"{_short(cell.odds_ratio)} {limits}"
-            numbers.text(0.0, y, text, va="center")
-        axes.set_xscale("log")
-        low = min(1 / edge, *(cell.odds_lower for cell in cells)) / 1.4
-        high = max(edge, *(cell.odds_upper for cell in cells)) * 1.4
-        axes.set_xlim(low, high)
-        ticks = _odds_ticks(low, high, 4 if width_in < 5 else 6)
-        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        axes.minorticks_off()
-        axes.set_xlabel("Odds ratio" if width_in < 5 else "Odds of preferring the first (log axis)")
-        axes.set_yticks(range(len(cells)), names)
-        axes.set_ylim(len(cells) - 0.5, -0.5)
-        axes.tick_params(axis="y", length=0)
-        numbers.set_xlim(0.0, 1.0)
-        numbers.axis("off")
-        said = f"Lines and [ ]: {limits_text(cells[0].estimate.level)}; band: no effect of interest"
-        explain(figure, said, width_in)
-    return figure
-
-
-def _pair(cell: Preference, label: Label, width_in: float, *, sized: bool) -> str:
-    size = "all sizes" if cell.size == "all" else label(cell.size)
-    text = f"{label(cell.method)} / {label(cell.against)}" + (f", {size}" if sized else "")
-    return "\n".join(textwrap.wrap(text, 22)) if width_in < 5 else text
-
-
-def _sized(cells: Sequence[Preference]) -> bool:
-    return any(cell.size not in ("", "all") for cell in cells)
 
 
 def _spread(values: Floats) -> Floats:
@@ -188,22 +131,6 @@ def _spread(values: Floats) -> Floats:
         if same.size > 1:
             shift[same] = np.linspace(-0.24, 0.24, same.size)
     return shift
-
-
-def _short(value: float) -> str:
-    if value >= 100:
-        return f"{value:.0f}"
-    return f"{value:.1f}" if value >= 10 else f"{value:.2f}"
-
-
-def _odds_ticks(low: float, high: float, most: int) -> list[float]:
-    """Return so many odds at most between these, even odds among them."""
-    wide = np.log10(high / low) > 2.2
-    steps = (1.0,) if wide else (1.0, 2.0, 5.0)
-    ticks = [step * 10.0**power for power in range(-6, 7) for step in steps]
-    shown = [tick for tick in ticks if low <= tick <= high]
-    every = -(-len(shown) // most)
-    return shown[shown.index(1.0) % every :: every]
 
 
 def jod_plot(

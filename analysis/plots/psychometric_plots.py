@@ -23,7 +23,7 @@ from analysis.plots.style import (
     new_figure,
     series_look,
 )
-from analysis.report.wording import size
+from analysis.report.wording import share, size
 
 FEW_LEVELS = 8
 """Up to so many levels, each has its tick."""
@@ -102,7 +102,8 @@ def psychometric_plot(
             axes.plot([], [], ls=dash, lw=wide, color=colour, marker=marker, ms=3,
                       label=label(name))  # fmt: skip
         _level_ticks(strip, everything, width_in, logarithmic=logarithmic)
-        _share_ticks(axes)
+        axes.set_ylim(-0.03, 1.03)
+        axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
         strip.set_xlabel(x_label)
         axes.set_ylabel("Proportion correct")
         columns = legend_columns([label(name) for name in series], width_in)
@@ -131,6 +132,10 @@ def people_plot(
     columns = min(3 if width_in < 5 else 6, len(shown))
     rows = -(-len(shown) // columns)
     everything = np.concatenate([x for one in shown.values() for x, *_ in one.values()])
+    floor = chance or 0.0
+    shares = [k / n for one in shown.values() for _, k, n, _ in one.values()]
+    lowest = min(floor, float(np.concatenate(shares).min()))
+    room = 1.0 - lowest
     points = font_size(width_in)
     each_in = 0.82 if width_in < 5 else 0.95
     with new_figure(width_in, 0.7 + each_in * rows, simulated=simulated) as figure:
@@ -142,7 +147,7 @@ def people_plot(
             for number, (*_, fit) in zip(places, ranked.values(), strict=True):
                 if isinstance(fit, DrawnCurve) and fit.threshold is not None:
                     value, lower, upper = fit.threshold
-                    y = -0.04 - 0.09 * number
+                    y = lowest - (0.04 + 0.09 * number) * room
                     colour, *_ = series_look(number)
                     if lower is not None and upper is not None:
                         axes.plot([lower, upper], [y, y], color=colour, lw=1.0)
@@ -151,7 +156,9 @@ def people_plot(
                 axes.axhline(chance, color=GREY, lw=0.5, ls=(0, (4, 3)))
             text = who if len(who) < 15 else who[:14] + "…"
             axes.set_title(text, fontsize=points - 0.5, loc="left", pad=2)
-            _share_ticks(axes, few=True, low=-0.12 - 0.09 * (len(names) - 1))
+            ticks = (floor, 0.5 + 0.5 * floor, 1.0)
+            axes.set_yticks(ticks, map(share, ticks))
+            axes.set_ylim(lowest - (0.03 + 0.09 * len(names)) * room, 1.0 + 0.09 * room)
         for axes in panels.ravel()[len(shown) :]:
             axes.set_visible(False)
         for column in range(columns):  # the lowest panel that is seen has the axis
@@ -220,14 +227,6 @@ def _draw_thresholds(strip: Axes, axes: Axes, series: Mapping[str, Series]) -> N
     strip.set_ylim(row - 0.4, -0.6)
     strip.set_yticks([])
     strip.spines["left"].set_visible(False)
-
-
-def _share_ticks(axes: Axes, *, few: bool = False, low: float = -0.03) -> None:
-    axes.set_ylim(low, 1.09 if few else 1.03)
-    if few:
-        axes.set_yticks([0, 0.5, 1.0], ["0", ".5", "1"])
-    else:
-        axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", ".25", ".5", ".75", "1"])
 
 
 def _level_ticks(axes: Axes, levels: Floats, width_in: float, *, logarithmic: bool) -> None:

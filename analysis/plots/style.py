@@ -196,9 +196,10 @@ def level_axis(axes: Axes, levels: Floats) -> None:
     powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     ticks = [m * 10.0**k for k in powers for m in (1, 2, 5) if low <= m * 10.0**k <= high]
     ends = None
-    if len(ticks) < 2:
-        ticks = [low, high]
-        ends = low, high
+    if len(ticks) < 3:
+        shown = np.unique(levels)
+        ticks = sorted({low, float(shown[shown.size // 2]), high})
+        ends = (low, high) if shown.size < 3 else None
     elif len(ticks) > 6:
         ticks = [10.0**k for k in powers if low <= 10.0**k <= high]
     axes.set_xticks(ticks, [size(tick, within=ends) for tick in ticks])

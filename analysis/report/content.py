@@ -14,12 +14,15 @@ from analysis.report.report_source import ReportSource
 from analysis.report.values import as_json
 from analysis.report.wording import left_out_sentence
 from analysis.tidy import TidyTables
-from protocols.blocks import Block, Paragraph, Section, TableBlock
+from protocols.blocks import Block, Box, CopyText, Folded, Paragraph, Section, TableBlock
 from protocols.disk.hashing import Json
 from protocols.errors import StudyError, count_of
 from protocols.revision import package_version
 
-_NOTHING = Paragraph("The table does not hold what this takes.")
+_OTHERS = (
+    "These decide nothing: the deciding p of each comparison stands above. Each says why it is"
+    " here; where they disagree, the deciding test is the result."
+)
 
 
 @dataclass(frozen=True)
@@ -30,8 +33,8 @@ class ReportContent:
     ----------
     counted : str
         What was analysed, in a line.
-    lead, sections
-        Blocks of the page.
+    lead, sections, others
+        Blocks of the page; `others` is the section of analyses that do not decide, if any.
     methods : str
         A paragraph; `sentences` are results, the most important one is `headline`.
     tables : mapping of file name to DataFrame
@@ -44,6 +47,7 @@ class ReportContent:
     counted: str
     lead: tuple[Block, ...]
     sections: tuple[Section, ...]
+    others: tuple[Section, ...]
     figures: tuple[PartFigure, ...]
     methods: str
     sentences: tuple[str, ...]
@@ -75,23 +79,32 @@ def content_of(
     said = Presentation(methods=f"We analysed {counted}. {left_out}".strip())
     sections: list[Section] = []
     figures: list[PartFigure] = []
-    for part, one in shown:
+    others: list[Block] = []
+    for place, (part, one) in enumerate(shown):
+        if part.beside:
+            inside = (*one.blocks, CopyText(tuple(one.sentences)))
+            one = replace(one, blocks=(), sentences=(), others=(Folded(*part.beside, inside),))
+            shown[place] = part, one
         name, title = part.section
         for section in (Section(name, one.title or title, title, tuple(one.blocks)), *one.further):
             _append(sections, section)
+        others += one.others
         figures += (figure.marked(simulated=source.simulated) for figure in one.figures)
     people_sentence = Presentation(sentences=participant_sentence(source.tidy))
     told = (said, *(one for _, one in shown), people_sentence)
     sentences = tuple(sentence for one in told for sentence in one.sentences)
+    headline = next(filter(None, (*(one.headline for one in told), *sentences)), "")
+    lead = tuple(block for one in told for block in one.lead)
     version = f"Analyses were run with metamerlab {package_version()}."
     return ReportContent(
         counted=f"{counted} · {plan.counted}",
-        lead=tuple(block for one in told for block in one.lead),
-        sections=tuple(one if one.blocks else replace(one, blocks=(_NOTHING,)) for one in sections),
+        lead=lead or (Box("Result", headline),),
+        sections=tuple(one for one in sections if one.blocks),
+        others=(Section.of("Other analyses", _OTHERS, *others, name="other"),) * bool(others),
         figures=tuple(figures),
         methods=" ".join([*(one.methods for one in told if one.methods), version]),
         sentences=sentences,
-        headline=next(filter(None, (*(one.headline for one in told), *sentences)), ""),
+        headline=headline,
         tables={name: table for one in told for name, table in one.tables.items()},
         scripts={name: text for one in told for name, text in one.scripts.items()},
         numbers={name: as_json(one) for name, one in found.items()},

@@ -15,6 +15,7 @@ from protocols.blocks import (
     Cautions,
     CopyText,
     Figure,
+    Heading,
     Paragraph,
     Section,
     TableBlock,
@@ -37,16 +38,18 @@ def report_page(
         if plan.protocol_sha256
         else ""
     )
+    odd = tuple(one for one in content.warnings if one not in source.read)
     mark = Markup("<strong>[Simulated data, not to be published as a study.]</strong> ")
     return html_page(
         "SIMULATED: " * simulated + plan.title,
         heading=plan.title,
         under=Markup("{}{}").format(content.counted, protocol),
         stamp="SIMULATED DATA" * simulated,
-        lead=(*content.lead, Cautions("When not to trust these data", content.warnings)),
+        lead=(*content.lead, Cautions("When not to trust these data", odd)),
         sections=(
             *content.sections,
-            Section.of("Data quality", *_quality(source.tidy), *quality, name="quality"),
+            *content.others,
+            Section.of("Data quality", *_quality(source), *quality, name="quality"),
             *_answers(source.tidy),
             Section(
                 "methods",
@@ -66,14 +69,12 @@ def report_page(
     )
 
 
-def _quality(tidy: TidyTables | None) -> Iterator[Block]:
-    """Yield the participants, those that rules left out, and the course of each session."""
+def _quality(source: ReportSource) -> Iterator[Block]:
+    """Yield the participants, those that rules left out, and each session; or what was read."""
+    tidy = source.tidy
     yield from participant_blocks(tidy)
     if tidy is None or not tidy.flow:
-        yield (
-            "The decisions were imported from a table: exclusions, timing and gaze are not known"
-            " here."
-        )
+        yield from (Heading("What was read"), list(source.read))
         return
     yield TableBlock.each(
         "Exclusions, by the rules the protocol fixed",

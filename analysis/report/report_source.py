@@ -41,6 +41,8 @@ class ReportSource:
     warnings: tuple[str, ...]
     only: tuple[str, ...] = ()
     """Parts of the report; none: all."""
+    read: tuple[str, ...] = ()
+    """Those of the warnings that say how a table was read."""
 
 
 def from_sessions(folder: Path, study: StudyProtocol, progress: Progress | None) -> ReportSource:
@@ -129,7 +131,7 @@ def from_table(path: Path, given: TableSettings = TableSettings()) -> ReportSour
     study = given.study
     if study is not None and given.told:
         raise StudyError("--set must be left out with --protocol, which says how to analyse")
-    notes = ["imported table: no record of timing, gaze or exclusions can be checked"]
+    notes: list[str] = []
     noted = read_note(path, notes)
     table = Table(path, where=given.where, command=BY_IMPORT)
     if study is not None:
@@ -181,8 +183,10 @@ def _of_table(
         "table_sha256": digest,
         "protocol_sha256": plan.protocol_sha256,
     }
-    said = (*table.notes, *notes)
-    return ReportSource(analysis, decisions, None, study, plan, simulated, provenance, said)
+    read = ("imported table: no record of timing, gaze or exclusions can be checked", *table.notes)
+    return ReportSource(
+        analysis, decisions, None, study, plan, simulated, provenance, (*read, *notes), read=read
+    )
 
 
 def _main(path: Path, decisions: pd.DataFrame) -> pd.DataFrame:

@@ -25,6 +25,7 @@ from analysis.report.report_source import (
     from_sessions,
     from_table,
 )
+from analysis.report.result_table import DECIDES
 from analysis.report.values import as_json, rows_as_json
 from analysis.tables.table_files import write_table
 from analysis.tidy import write_tables
@@ -145,6 +146,11 @@ def write_report(
             "simulated": source.simulated,
             "settings": source.plan.said(),
             "results": {**content.numbers},
+            "deciding": {
+                name: sorted({one for told in table[DECIDES] for one in told.split()})
+                for name, table in content.tables.items()
+                if DECIDES in table
+            },
             "flow": as_json(source.tidy.flow if source.tidy else ()),
             "participants": as_json(source.tidy.participants if source.tidy else None),
             "without_exclusions": as_json(both),

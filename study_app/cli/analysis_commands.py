@@ -430,7 +430,12 @@ def import_(
     if lack := analysis.lacks(decisions, plan):
         say(f"no report yet: {lack}")
     else:
-        say(f"next: metamerlab analysis report {shlex.quote(str(written))} --out report")
+        told = () if getattr(plan, "primary", None) else getattr(plan, "pairings", ())
+        pairings = ["/".join(one) for one in told]
+        primary = f" --set primary={shlex.quote(pairings[0])}" if pairings else ""
+        say(f"next: metamerlab analysis report {shlex.quote(str(written))}{primary} --out report")
+        if len(pairings) > 1:
+            say(f"primary is the comparison that was planned: {', '.join(pairings)}")
 
 
 for _command in (export, psychometric, detection, reaction, ratings):

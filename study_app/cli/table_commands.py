@@ -281,36 +281,36 @@ def ask(
 
 
 def print_content(content: ReportContent, *, simulated: bool) -> None:
-    """Print what a page says, without its figures."""
-    print_blocks(
-        content.counted + " (SIMULATED)" * simulated,
-        (*content.lead, *(block for section in content.sections for block in section.blocks)),
-        content.sentences,
-        content.warnings,
-    )
-
-
-def print_blocks(
-    title: str, blocks: Iterable[Block], sentences: Iterable[str], notes: Iterable[str]
-) -> None:
-    """Print a title, tables and their texts, sentences, and each note once."""
-    from protocols.blocks import Cautions, Heading, Paragraph
+    """Print what a page says, without its figures: the answer first, other analyses last."""
+    from protocols.blocks import Box, Cautions, CopyText, Folded, Heading, Paragraph
     from protocols.blocks import TableBlock as Rows
 
     console = PlainConsole()
-    console.print(title)
-    notes = list(notes)
-    for block in blocks:
-        match block:
-            case Rows():
-                console.print(_plain(block.caption))
-                console.print(_printed(block))
-            case str(text) | Heading(text=text) | Paragraph(text=text):
-                console.print(_plain(text))
-            case Cautions(notes=found):
-                notes += found
-    for sentence in sentences:
-        console.print(sentence)
+    notes = list(content.warnings)
+
+    def show(blocks: Iterable[Block]) -> None:
+        for block in blocks:
+            match block:
+                case Box(title=title, lead=lead, text=text):
+                    console.print(f"{title}: {lead}", *[_plain(text)] * bool(text), sep="\n")
+                case Rows():
+                    console.print(*filter(None, [_plain(block.caption)]), _printed(block), sep="\n")
+                case Folded(title=title, why=why, blocks=inner):
+                    show((f"{title}: {why}", *inner))
+                case CopyText(texts=texts):
+                    show(texts)
+                case str(text) | Heading(text=text) | Paragraph(text=text):
+                    console.print(_plain(text))
+                case Cautions(notes=found):
+                    notes.extend(found)
+
+    console.print(content.counted + " (SIMULATED)" * simulated)
+    show(content.lead)
+    for section in content.sections:
+        show(section.blocks)
+    show(content.sentences)
+    for section in content.others:
+        show((Heading(section.title), *section.blocks))
     say_notes(dict.fromkeys(notes))
 
 

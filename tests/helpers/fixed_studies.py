@@ -24,10 +24,14 @@ from made_up_trials import (
     simulate_yes_no,
 )
 
+from analysis.plans.table_sections import TimeTableSection
 from analysis.report.write_report import report_decisions, report_sessions
 from analysis.tasks import analysis_of
 from analysis.tasks.note import write_note
+from analysis.tasks.time_tables import TimesPlan
 
+PLAN = TimesPlan(section=TimeTableSection(reaction="models"), study="s", title="s")
+"""A plan of reaction times, whose parts correct by Holm."""
 STORED = Path(__file__).parents[1] / "stats" / "fixed"
 DIGITS = 6
 """Of stored numbers; a search for a maximum ends elsewhere in the last of a double."""

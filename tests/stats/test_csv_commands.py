@@ -51,7 +51,7 @@ def seen(tmp_path_factory) -> Path:
 def test_what_a_command_asks_is_what_the_format_of_its_kind_says(kind):
     told = analysis_of(kind).options
     given = get_group(analysis_commands.app).commands[kind].params
-    common = {"table", "columns", "where", "answer", "coverage", "out", "replace"}
+    common = {"table", "columns", "where", "answer", "coverage", "out", "figures", "replace"}
     own = {one.name: one for one in given if one.name not in common}
     described = told.model_json_schema()["properties"]
 

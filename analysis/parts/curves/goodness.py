@@ -14,19 +14,19 @@ from analysis.models.numeric import ROUNDING
 from analysis.models.trends import Course, Trend, course, trend
 from analysis.parts import Part, PartFigure, PartNumbers, Presentation
 from analysis.parts.levels import SECTION, Curves, figure_axes, section_title
-from analysis.parts.shared import adjusted, condition, in_order
+from analysis.parts.shared import apa_p, condition, in_order
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots.psychometric_plots import misfit_plot
 from analysis.report.result_table import (
-    DF,
-    P_ADJUSTED,
-    P_VALUE,
+    T_DF,
     ResultColumn,
     ResultTable,
     attribute,
+    deciding,
     estimated,
     limits,
     p_value,
+    set_aside,
 )
 from analysis.report.wording import (
     level_text,
@@ -111,9 +111,8 @@ class GoodnessPart(Part[RatePlan, Goodness]):
             judged = "a parametric bootstrap of the curve of all answers, fitted anew each time"
         deviances = _deviances(found, plan, simulated)
         told = Paragraph(
-            f"Deviance: of {counted}. Simulated: its mean over {simulated}. Residual: share of"
-            " right answers observed - expected, at the level where it is least like the simulated"
-            " ones. A small p says that the curves do not fit.",
+            f"Deviance: of {counted}. Simulated: its mean over {simulated}. A small p says that the"
+            " curves do not fit.",
             muted=True,
         )
         axes = figure_axes([one.levels for one in found.misfits], plan)
@@ -131,6 +130,13 @@ class GoodnessPart(Part[RatePlan, Goodness]):
                 told,
                 *([_over_session(over, plan)] if over and np.isfinite(over.p) else []),
                 Cautions("About this goodness of fit", found.notes),
+            ),
+            others=(
+                deviances.folded(
+                    "Largest residual by level",
+                    "It shows where the curves miss; the deviance judges all levels together."
+                    " p adj. is Holm's over all.",
+                ),
             ),
             sentences=tuple(_sentences(found, plan)),
             methods=(
@@ -150,9 +156,8 @@ def _deviances(found: Goodness, plan: RatePlan, simulated: str) -> ResultTable[M
         attribute("Deviance", "deviance", size, "strong"),
         attribute("Simulated", "expected", size),
         attribute("Counts", "cells", str),
-        P_VALUE,
-        P_ADJUSTED,
-        ResultColumn("Largest residual", "", _largest),
+        deciding("p_adjusted"),
+        set_aside(ResultColumn("Largest residual", "", _largest)),
         p_value("p", "level_p"),
         p_value("p adj.", "level_p_adjusted"),
     )
@@ -166,8 +171,8 @@ def _over_session(over: Trend, plan: RatePlan) -> TableBlock:
             [over],
             estimated("Change", "change"),
             limits(plan.limits),
-            DF,
-            P_VALUE,
+            T_DF,
+            deciding(),
         )
         .block()
     )
@@ -185,9 +190,8 @@ def _sentences(found: Goodness, plan: RatePlan) -> Iterator[str]:
     for one in found.misfits:
         yield (
             f"Goodness of fit of {plan.label(one.condition)}: deviance {size(one.deviance)} of"
-            f" {one.cells} counts, {size(one.expected)} where simulated, {p_text(one.p)}"
-            f"{adjusted(one.p, one.p_adjusted)}; residuals by level {p_text(one.level_p)}"
-            f"{adjusted(one.level_p, one.level_p_adjusted)}."
+            f" {one.cells} counts, {size(one.expected)} where simulated,"
+            f" {apa_p(one.p, one.p_adjusted)}."
         )
     over = found.trend
     if over is not None and np.isfinite(over.t):

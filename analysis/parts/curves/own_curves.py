@@ -29,7 +29,7 @@ from analysis.plans.rate_plan import RatePlan
 from analysis.plots.psychometric_plots import DrawnCurve
 from analysis.report.result_table import ResultColumn, ResultTable, attribute
 from analysis.report.wording import p_number, size, size_range
-from protocols.blocks import Cautions, FigurePlace, Paragraph
+from protocols.blocks import Cautions, CopyText, FigurePlace, Folded, Paragraph
 
 MOST_PEOPLE = 12
 """Thresholds of people are compared, all pairs of them, in so small a group at most."""
@@ -139,7 +139,15 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     lambda one: f"{one.participant}, {plan.label(one.condition)}",
                 ),
             ),
-            sentences=tuple(_sentences(found, plan)),
+            others=(
+                Folded(
+                    "Each participant's conditions, compared",
+                    "They speak of one person's answers each; the population's thresholds speak of"
+                    " people like these.",
+                    (CopyText(tuple(_sentences(found, plan))),),
+                ),
+            )
+            * any(found.within.values()),
             methods=(
                 "Each participant's psychometric function is the median of a posterior with priors"
                 " on lapses, guesses and overdispersion (Schütt, Harmeling, Macke & Wichmann,"

@@ -229,12 +229,14 @@ def test_a_box_that_leaves_planned_changes_out_says_how_many():
     )
     changes = tuple(
         Interaction(
-            "ours", "blur", Difference(measure, *pair, 0.1, 0.1, -0.1, 0.3, 0.95, 5.0, 0.3, 0.3)
+            "ours",
+            other,
+            Difference("share of choices", *pair, 0.1, 0.1, -0.1, 0.3, 0.95, 5.0, 0.3, 0.3),
         )
-        for measure in ("share of choices", "JOD")
+        for other in ("blur", "plain")
         for pair in combinations("abcd", 2)
     )
-    found = Interactions("size", 0.5, (), changes, changes[:6], changes[6:], ())
+    found = Interactions("size", 0.5, (), changes, changes, (), ())
     (box,) = PreferenceInteraction().show(found, plan).lead
 
     assert str(box).count("ours / blur: ") == 6

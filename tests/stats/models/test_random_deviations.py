@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from fixed_studies import PLAN
 
-from analysis.models.logistic import ModelFit, glmm_logit, models_beside
+from analysis.models.logistic import ModelFit, glmm_logit
 from analysis.models.mixed.deviations import profile_limits
 from analysis.models.mixed.inference import Inference
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import RandomFactor, fit_cumulative, rating_model
-from analysis.parts.right_models import apa_term
 from analysis.parts.shared import apa_test
 
 FOLDER = Path(__file__).parents[1] / "oracles"
@@ -78,11 +78,8 @@ def test_many_levels_have_no_profile(times, monkeypatch):
 
 
 def test_a_likelihood_ratio_that_judges_is_said(times):
-    rows = times.rename(columns={"hit": "correct"}).drop(columns="rating")
-    rows = rows.loc[:, ~rows.columns.duplicated(keep="last")]
-    said = apa_term(models_beside("logit(correct) ~ 1 + cond", rows).mixed, "cond[T.b]")
-    assert re.search(r" t\([\d.]+\) = -?[\d.]+, p [=<] [.\d]+ \(likelihood ratio; GLMM", said)
-    (ratio, *_) = time_model(times, ("cond",), reference="a").ratios
-    assert re.fullmatch(r"t\(.*\) = .*, p [=<].*\(likelihood ratio\)", apa_test(ratio, _LAW))
-    drawn = apa_test(ratio, _LAW, 99)
-    assert re.match(r"likelihood ratio [\d.]+, p .*likelihood ratio; parametric bootstrap", drawn)
+    (ratio, *others) = time_model(times, ("cond",), reference="a").ratios
+    said = apa_test(ratio, others, PLAN, "model")
+    assert re.fullmatch(r"t\(.*\) = .*, p [=<].*\(likelihood ratio, model\)", said)
+    drawn = apa_test(ratio, others, PLAN.but(bootstrap_draws=99), "model")
+    assert re.match(r"likelihood ratio [\d.]+, p .*ratio, model; parametric bootstrap", drawn)

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from fixed_studies import STORED
+from fixed_studies import PLAN, STORED
 
 from analysis.models.contrasts import Difference
 from analysis.models.mixed.deviations import Deviation
@@ -44,7 +44,7 @@ def test_differences_with_narrow_limits_are_never_all_zeros():
     gap = Difference("threshold", "ours", "blur", 0.0012, 0.0002, 0.0008, 0.0016, 0.95, 9, 0.01,
                      0.01)  # fmt: skip
 
-    assert "0.00120 in threshold, 95% CI [0.00080, 0.00160]" in apa_difference(gap)
+    assert "0.00120 in threshold, 95% CI [0.00080, 0.00160]" in apa_difference(gap, PLAN)
     assert number(1.25, within=(1.0, 1.5)) == "1.25"
     assert number_range(-0.5, 0.5) == "[-0.50, 0.50]"
 

@@ -2,6 +2,7 @@
 with the names that were asked for."""
 
 import json
+import re
 from itertools import combinations
 
 import numpy as np
@@ -9,11 +10,9 @@ import pandas as pd
 import pytest
 from command_line import result_of
 
-from analysis.models.preference import preferences
 from analysis.parts import computed
 from analysis.plans.preference_plan import preference_plan_of_table
 from analysis.plans.table_sections import PreferenceTableSection
-from analysis.plots.preference_plots import forest_plot
 from analysis.tasks import analysis_of
 from analysis.tasks.note import options_from
 from analysis.tasks.preference import PreferenceOfPairs
@@ -128,17 +127,25 @@ def test_a_table_without_sizes_speaks_of_none(decisions):
     found, _ = computed(tuple(parts.values()), decisions.assign(rt_s=1.5), rules)
     shown = [parts[name].show(one, rules) for name, one in found.items()]
     said = repr([(one.lead, one.blocks, one.further) for one in shown])
-    figure = forest_plot(preferences(decisions, pairings=rules.pairings).cells)
-    labels = [text.get_text() for axes in figure.axes for text in axes.get_yticklabels()]
 
     assert "Size" not in said
     assert "': " not in said
     assert "all sizes" not in said.lower()
-    assert "blur / none" in {label.replace("\n", " ") for label in labels}
-    assert not any(label.rstrip().endswith(",") or "size" in label for label in labels)
 
 
 def test_a_note_about_nothing_in_particular_has_no_prefix():
     assert grouped([("", ("some participants were even",)), ("a", ())]) == (
         "some participants were even",
     )
+
+
+def test_an_import_names_the_comparisons_that_a_report_may_lead_with(choices, tmp_path):
+    choices.to_csv(tmp_path / "rows.csv", index=False)
+    done = run("import", tmp_path / "rows.csv", "--out", tmp_path / "out")
+    (pair,) = re.findall(r"--set primary=(\S+) --out report", done.output)
+    table, out = tmp_path / "out" / "decisions.csv", tmp_path / "r"
+    run("report", table, "--set", f"primary={pair}", "--out", out, "--figures", "none")
+    first, _, quality = (out / "report.html").read_text().partition('<h2 id="quality">')
+    assert "Primary comparison" in first
+    assert "no record of timing" not in first
+    assert "<h3>What was read</h3>" in quality

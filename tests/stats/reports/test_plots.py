@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 
@@ -11,7 +12,7 @@ import pytest
 from made_up_trials import TaskDesign, simulate_abx, simulate_identification, simulate_yes_no
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
@@ -36,7 +37,6 @@ from analysis.plots import (
     d_prime_plot,
     detection_plot,
     figure_bytes,
-    forest_plot,
     heat_map,
     jod_plot,
     learning_plot,
@@ -48,8 +48,8 @@ from analysis.plots import (
     save_figure,
     scaling_plot,
 )
-from analysis.plots.preference_plots import _odds_ticks
-from analysis.plots.style import BLUE, ORANGE, SIMULATED_TEXT
+from analysis.plots.psychometric_plots import people_plot
+from analysis.plots.style import BLUE, ORANGE, PALE_BLUE, PALE_ORANGE, SIMULATED_TEXT
 from analysis.plots.tasks import interaction_plot, ratings_plot
 from analysis.power import power
 from analysis.tasks import analysis_of
@@ -65,7 +65,6 @@ LABELS = {
 PAIRINGS = [("metameric", "push-pull"), ("metameric", "reference"), ("push-pull", "reference")]
 KINDS = (
     "preference",
-    "forest",
     "scale",
     "psychometric",
     "detection",
@@ -182,7 +181,6 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
             sides, title="Field of view", chance=0.5, **{"level": 0.95} | k
         ),
         "preference": lambda **k: preference_bars(cells, shares, label=label, **k),
-        "forest": lambda **k: forest_plot(cells, label=label, **k),
         "scale": lambda **k: jod_plot(scales, label=label, **k),
         "psychometric": lambda **k: psychometric_plot(curves, x_label="Eccentricity, deg", **k),
         "detection": lambda **k: detection_plot(found, **k),
@@ -344,7 +342,6 @@ def test_points_without_a_curve_are_joined():
 
 MEANINGS = {
     "preference": "95 % limits; dots: participants",
-    "forest": "95 % limits; band: no effect of interest",
     "scale": "95 % limits, by bootstrap",
     "psychometric": "± 1 binomial standard error",
     "detection": "95 % limits",
@@ -445,14 +442,6 @@ def test_names_of_three_lines_keep_apart(make_decisions, width_in):
     assert boxes[0].y0 - boxes[1].y1 > 0.25 * 6.5 / 72 * figure.dpi
 
 
-def test_odds_of_a_narrow_figure_are_few_and_hold_even_odds():
-    for low, high in ((0.04, 3.0), (0.001, 5.0), (0.5, 2.0), (0.3, 9000.0)):
-        ticks = _odds_ticks(low, high, 4)
-
-        assert 1.0 in ticks
-        assert len(ticks) <= 4
-
-
 def luminance(colour: str) -> float:
     linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
     return float(np.dot(linear, [0.2126, 0.7152, 0.0722]))
@@ -497,4 +486,18 @@ def test_long_names_of_twelve_methods_still_fit():
 
     for width_in in (ONE_COLUMN_IN, TWO_COLUMNS_IN):
         assert overlaps(preference_bars(cells, {}, width_in=width_in)) == []
-        assert overlaps(forest_plot(cells, width_in=width_in)) == []
+
+
+def test_a_tie_is_dark_on_neither_side(make_decisions):
+    cell = preferences(make_decisions(people=4)).cells[0]
+    tie = replace(cell, chosen=4, trials=8, estimate=replace(cell.estimate, share=0.5))
+    bars = preference_bars([tie], {}).axes[0].patches
+    assert [to_hex(bar.get_facecolor()).upper() for bar in bars] == [PALE_BLUE, PALE_ORANGE]
+
+
+def test_panels_of_people_have_three_ticks_from_chance():
+    x = np.array([4.0, 8.0, 12.0, 16.0])
+    one = {"ours": (x, np.array([3.0, 5.0, 8.0, 9.0]), np.full(4, 10.0), None)}
+    (axes, *_) = people_plot({"P1": one}, x_label="level", chance=0.25, logarithmic=True).axes
+    assert axes.get_yticks().tolist() == [0.25, 0.625, 1.0]
+    assert axes.get_xticks().tolist() == [4.0, 12.0, 16.0]

@@ -98,7 +98,7 @@ def test_the_clearest_comparison_stands_first_and_holms_p_decides(votes, rng):
     assert [one.p for one in part.estimates(found, plan)] == [0.2, 0.02]
     (box,) = part.show(found, plan).lead
     assert box.lead.startswith("fill was rated")
-    assert "1 of 2 comparisons differ, two-sided, Holm-adjusted, by likelihood ratio" in box.text
+    assert "1 of 2 comparisons differ, two-sided, Holm-adjusted over 2, by" in box.text
 
 
 def test_graded_pairs_with_ties_become_a_report_too(tmp_path):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from fixed_studies import PLAN
 
 from analysis.models.ordinal import rating_model
 from analysis.parts.ratings import apa_rating
@@ -33,7 +34,7 @@ def test_a_difference_has_the_word_of_its_sign(value, said):
 
 def test_a_worse_rating_is_below_and_its_limits_keep_their_sign(model):
     (one,) = model.contrasts
-    said = apa_rating(one, model)
+    said = apa_rating(one, model, PLAN)
 
     assert one.upper < 0.0
     assert said.startswith(f"a was rated {-one.difference:.2f} SD below b (difference -")

@@ -15,7 +15,7 @@ from analysis.models.order_and_side import order_bias
 from analysis.models.right_answers import rate_contrasts
 from analysis.parts.learning import StepLearning
 from analysis.parts.levels import PlacedThreshold, threshold_columns
-from analysis.parts.shared import adjusted
+from analysis.parts.shared import apa_p
 from analysis.report.content import ReportContent, content_of
 from analysis.report.report_source import from_question
 from analysis.report.wording import t_number, t_text
@@ -63,16 +63,16 @@ def test_one_comparison_is_not_adjusted_for_others(name, where, only, options, t
     assert "djusted over" not in said
     assert "-adjusted" not in said
     assert " 1 comparisons" not in said
-    assert "1 of 1" not in " ".join(boxes)
+    assert "1 of 1 " not in " ".join(boxes)
 
 
 def test_several_comparisons_are_said_to_be_adjusted(tmp_path):
     found = content("ratings", tmp_path, ratings(), "ratings")
 
     assert "Holm-adjusted over 2 comparisons" in found.methods
-    assert "Holm-adjusted; cumulative" in " ".join(found.sentences)
-    assert adjusted(0.02, 0.04) == " (.040 Holm-adjusted)"
-    assert adjusted(0.02, 0.02, "mixed model") == " (mixed model)"
+    assert "Holm-adjusted; likelihood ratio, cumulative" in " ".join(found.sentences)
+    assert apa_p(0.02, 0.04) == "p = .040 (Holm-adjusted)"
+    assert apa_p(0.02, 0.02, "mixed model") == "p = .020 (mixed model)"
 
 
 def test_no_degrees_of_freedom_stand_without_their_statistic(tmp_path):
@@ -84,7 +84,7 @@ def test_no_degrees_of_freedom_stand_without_their_statistic(tmp_path):
         one
         for section in found.sections
         for one in section.blocks
-        if isinstance(one, TableBlock) and one.caption == "Comparisons"
+        if isinstance(one, TableBlock) and one.caption.startswith("Comparisons")
     ]
     titles = [one.title for one in table.columns]
     cells = {str(row[0]): str(row[titles.index("t(df)")]) for row in table.rows}

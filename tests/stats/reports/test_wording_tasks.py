@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fixed_studies import PLAN
 from made_up_trials import TaskDesign, simulate_abx, simulate_identification, simulate_yes_no
 
 from analysis.models.critical_scaling import critical_scaling
 from analysis.models.detection import discrimination, yes_no
-from analysis.models.logistic import glm_logit
 from analysis.models.right_answers import correct_rates
 from analysis.models.thresholds import fit_thresholds
 from analysis.models.trends import trend
@@ -17,7 +17,6 @@ from analysis.parts.correct import apa_rate
 from analysis.parts.curves.critical import apa_critical
 from analysis.parts.learning import apa_trend
 from analysis.parts.levels import apa_thresholds
-from analysis.parts.right_models import apa_term
 from analysis.parts.sensitivity import (
     apa_discrimination,
     apa_yes_no,
@@ -62,7 +61,7 @@ def test_yes_no_says_sensitivity_criterion_and_bias(told):
 
 def test_a_difference_says_which_way_and_how_it_was_adjusted(told):
     found = yes_no(told, ("method",), signal="inconsistent").d_prime_contrasts[0]
-    text = apa_difference(found)
+    text = apa_difference(found, PLAN)
 
     assert text.startswith(f"blur minus ours: {found.difference:.2f} in d', 95% CI [")
     assert "Holm" not in text
@@ -74,7 +73,7 @@ def test_a_difference_says_which_way_and_how_it_was_adjusted(told):
         width=2.0,
     )
     three = discrimination(rows, Alternatives(2), ("method",)).contrasts
-    assert any("Holm-adjusted" in apa_difference(one) for one in three)
+    assert any("Holm-adjusted" in apa_difference(one, PLAN) for one in three)
 
 
 def test_abx_says_its_rule_and_an_endless_limit():
@@ -121,10 +120,6 @@ def test_thresholds_and_critical_scalings_say_model_limits_and_spread():
     assert "SD of ln s_c" in apa_critical(critical_scaling(match))
 
 
-def test_models_and_trends_are_sentences(told):
-    fit = glm_logit("logit(correct) ~ 1 + method", told, cluster=["participant"])
-    assert "t(9) = " in apa_term(fit, "method[T.ours]")
-    assert "z = " in apa_term(glm_logit("correct ~ 1 + method", told), "method[T.ours]")
+def test_trends_are_sentences(told):
     text = apa_trend(trend(told, "correct"))
-    assert "Spearman's rho" in text
     assert "over 10 participants" in text
