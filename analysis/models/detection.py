@@ -15,6 +15,7 @@ from analysis.models.clustered import held_p
 from analysis.models.contrasts import Difference
 from analysis.models.numeric import two_sided_p, two_sided_quantile
 from analysis.models.right_answers import (
+    CorrectedRates,
     Influence,
     Rate,
     contrasts,
@@ -244,12 +245,16 @@ def d_prime_influence(
     z_alarm = _z_influence(alarms, noise, correction)
     shown = signal + noise
     least = z_hit[2] + z_alarm[2]
-    return (
-        Influence(z_hit[0] - z_alarm[0], z_hit[1] - z_alarm[1], shown, least),
-        Influence(
-            -0.5 * (z_hit[0] + z_alarm[0]), -0.5 * (z_hit[1] + z_alarm[1]), shown, 0.25 * least
-        ),
+    count, total = (
+        np.stack([one.sum(axis=(-2, -1)) for one in cells], axis=-1)
+        for cells in ((hits, alarms), (signal, noise))
     )
+    found = []
+    for hit, alarm in ((1.0, -1.0), (-0.5, -0.5)):
+        rates = CorrectedRates(count, total, (hit, alarm)) if correction == "log-linear" else None
+        value, cells = (hit * z_hit[k] + alarm * z_alarm[k] for k in (0, 1))
+        found.append(Influence(value, cells, shown, hit**2 * least, rates=rates))
+    return found[0], found[1]
 
 
 def _yes_no(

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from scipy.special import ndtri
 
 from analysis.arrays import Floats
 from analysis.models.cells import TrialGrid, checked, conditions, grid
@@ -143,10 +144,38 @@ def rate_contrasts(
 
 
 @dataclass(frozen=True)
+class CorrectedRates:
+    """Rates whose normal quantiles, weighted, are an estimate: each with half a trial either way.
+
+    Attributes
+    ----------
+    count, total : ndarray (..., rates)
+        Of each rate.
+    weights : tuple of float (rates,)
+    """
+
+    count: Floats
+    total: Floats
+    weights: tuple[float, ...]
+
+    def of_trials(self, total: Floats) -> Floats:
+        """Return the estimate (...) if the same rates were of so many trials (..., rates)."""
+        share = (self.count / self.total * total + 0.5) / (total + 1.0)
+        return np.asarray(ndtri(share) @ np.array(self.weights))
+
+    def apart(self, other: "CorrectedRates") -> Floats:
+        """Return the part of the difference to another that numbers of trials alone make."""
+        least = np.minimum(self.total, other.total)
+        own = self.of_trials(self.total) - other.of_trials(other.total)
+        return own - (self.of_trials(least) - other.of_trials(least))
+
+
+@dataclass(frozen=True)
 class Influence:
     """An estimate (...), what cells (..., participants, scenes) move it, and its least variance.
 
-    `most` is the largest difference of two such estimates that there can be: 1 of shares.
+    `most` is the largest difference of two such estimates that there can be: 1 of shares. `rates`
+    are those of an estimate that stands on a correction.
     """
 
     value: Floats
@@ -154,6 +183,7 @@ class Influence:
     shown: Floats
     least: Floats
     most: float = math.inf
+    rates: CorrectedRates | None = None
 
     def estimate(self) -> ClusteredEstimate:
         """Return the estimate with its clustered error."""
@@ -172,11 +202,18 @@ class Influence:
         )
 
     def less(self, other: "Influence") -> ClusteredEstimate:
-        """Return its surplus over another on the same grid, each participant's own control."""
+        """Return its surplus over another on the same grid, each participant's own control.
+
+        What a correction makes of it, because one had more trials, counts as error.
+        """
         gap = self.minus(other)
-        return two_way_difference(
+        found = two_way_difference(
             gap.value, (self.cells, other.cells), (self.shown, other.shown), gap.least
         )
+        if self.rates is None or other.rates is None:
+            return found
+        error = np.hypot(found.standard_error, self.rates.apart(other.rates))
+        return replace(found, standard_error=error)
 
 
 def mean_influence(several: Collection[Influence]) -> Influence:
@@ -216,7 +253,8 @@ def contrasts(
 ) -> tuple[Difference, ...]:
     """Compare conditions counted on one grid; limits end at the largest difference of shares."""
     found, pairs = [], pairs_of(moved, reference)
-    moved = {MEAN: mean_influence(moved.values()), **moved}
+    if any(MEAN in pair for pair in pairs):
+        moved = {MEAN: mean_influence(moved.values()), **moved}
     for first, second in pairs:
         gap = moved[first].less(moved[second])
         lower, upper = np.clip(gap.limits(level), -moved[first].most, moved[first].most)

@@ -131,6 +131,25 @@ def test_perfect_observers_show_no_bias_and_a_finite_d_prime():
     assert any("lower bound" in note for note in one.warnings)
 
 
+@pytest.mark.parametrize("trials", [(40, 10), (200, 5), (1000, 2)])
+def test_perfect_people_do_not_differ_by_the_size_of_the_correction_alone(trials):
+    """Half a trial of 1,000 leaves d' at 7.7, half a trial of 2 at 3.8; nobody erred in either."""
+    rows = pd.DataFrame(
+        [
+            (person, name, answer, answer)
+            for person in range(8)
+            for name, count in zip("ab", trials, strict=True)
+            for answer in ("yes", "no")
+            for _ in range(count)
+        ],
+        columns=["participant", "method", "expected", "answer"],
+    )
+    (gap,) = yes_no(rows, ("method",), signal="yes").d_prime_contrasts
+
+    assert gap.p > 0.3
+    assert gap.lower < 0.0 < gap.difference < gap.upper
+
+
 def test_observers_at_exact_chance_show_neither_sensitivity_nor_bias():
     rows = pd.concat([observed(3, 6, 3, 6, who=str(k)) for k in range(10)])
     one = yes_no(rows, signal=SIGNAL)["all"]
