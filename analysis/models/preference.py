@@ -1,5 +1,6 @@
 """Preferences between methods: shares per pairing and size, with inference fit for people."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -89,7 +90,8 @@ class Preference:
     cohens_h : float
         2 asin sqrt(share) - pi / 2.
     odds_ratio, odds_lower, odds_upper : float
-        Odds of choosing the method; half a vote is added where all answers agree.
+        Odds of choosing the method, half a vote added where all answers agree; limits are those of
+        the share.
     margin, equivalence_p, equivalence_p_adjusted : float
         Smallest effect of interest, and TOST's p against it; adjusted over the family as tests
         are, because several verdicts of equivalence err as several tests do.
@@ -283,8 +285,8 @@ def preference(
         exact_upper=exact_upper,
         cohens_h=cohens_h(share),
         odds_ratio=odds_share / (1.0 - odds_share),
-        odds_lower=_odds(ends[0], trials),
-        odds_upper=_odds(ends[1], trials),
+        odds_lower=_odds(ends[0]),
+        odds_upper=_odds(ends[1]),
         margin=margin,
         equivalence_p=equal,
         equivalence_p_adjusted=equal,
@@ -353,11 +355,9 @@ def _verdict(share: float, p: float, equivalence: float, alpha: float) -> Verdic
     return "equivalent" if equivalence < alpha else "undecided"
 
 
-def _odds(share: float, trials: int) -> float:
-    """Odds of a limit, kept finite by half a vote where the limit is 0 or 1."""
-    edge = 0.5 / (trials + 1.0)
-    share = min(max(share, edge), 1.0 - edge)
-    return share / (1.0 - share)
+def _odds(share: float) -> float:
+    """Return the odds of a limit; infinite where it is 1."""
+    return share / (1.0 - share) if share < 1.0 else math.inf
 
 
 def _notes(shown: Floats, wins: int, *, claimed: bool) -> list[str]:

@@ -56,6 +56,10 @@ def big(value: float) -> str:
     """Return an odds ratio or the like in at most four digits."""
     if math.isnan(value):
         return NONE
+    if math.isinf(value):
+        return "\N{INFINITY}"
+    if value == 0.0:
+        return "0"
     if value >= 1e4:
         mantissa, power = f"{value:.1e}".split("e")
         return f"{mantissa}e{int(power)}"

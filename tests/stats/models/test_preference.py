@@ -12,6 +12,7 @@ import pytest
 from analysis.models.clustered import holm, two_way
 from analysis.models.compared_methods import Comparisons, counts, pairing_rows
 from analysis.models.preference import cohens_h, preference, preferences
+from analysis.report.wording import big
 from analysis.showable import FamilyOfTests
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle.json").read_text())
@@ -147,6 +148,18 @@ def test_p_is_never_less_than_so_many_participants_can_show():
     )
 
 
+def test_limits_of_the_odds_of_one_decision_are_those_of_its_share():
+    """One decision says nothing of other people: shares and odds are anything."""
+    rows = pd.DataFrame(
+        {"participant": ["P1"], "scene": ["s"], "first": ["a"], "second": ["b"], "chosen": ["a"]}
+    )
+    one = preference(rows, "a", "b")
+
+    assert (one.estimate.lower, one.estimate.upper) == (0.0, 1.0)
+    assert (one.odds_lower, one.odds_upper) == (0.0, math.inf)
+    assert [big(odds) for odds in (0.0, math.inf)] == ["0", "\N{INFINITY}"]
+
+
 @pytest.mark.parametrize("chosen", [0, 132])
 def test_unanimous_cells_are_finite_and_significant(chosen):
     found = preference(cell_with(chosen), "ours", "pp")
@@ -156,7 +169,7 @@ def test_unanimous_cells_are_finite_and_significant(chosen):
     assert any("all answers agree" in note for note in found.warnings)
     for name, value in found.row().items():
         if isinstance(value, float):
-            assert math.isfinite(value), name
+            assert math.isfinite(value) or (name == "odds_upper" and chosen), name
     assert found.verdict == ("preferred" if chosen else "rejected")
     assert found.equivalence_p == 1.0
     assert (found.estimate.lower > 0.6) if chosen else (found.estimate.upper < 0.4)
