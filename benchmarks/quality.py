@@ -1,14 +1,17 @@
-"""Quality of every fill method on stereo pairs: `python -m benchmarks.quality --help`."""
+"""Quality of fills and silhouettes on stereo pairs: `python -m benchmarks.quality --help`."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict, astuple
+from dataclasses import asdict, astuple, replace
 from pathlib import Path
 
 import moderngl
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
 
 from benchmarks.shared.output import PagePart, file_to_write, write_record
 from pipeline.frame import WarpedFrame
@@ -28,12 +31,46 @@ PAIRS = {
     "tsukuba": ("middlebury2001_tsukuba", "imL.png", "groundtruth.png", "imR.png", 16.0),
 }
 PART = PagePart("quality table")
+SEEN = 40 / 255  # a difference of a channel that counts as wrong
+BESIDE_PX, APART_PX = 4, 12
 
 
-def warped_pair(ctx: moderngl.Context, pair: StereoPair) -> WarpedFrame:
+def warped_pair(ctx: moderngl.Context, pair: StereoPair, *, mended: bool = True) -> WarpedFrame:
     """The left photograph as the right one's camera sees it, without its rim."""
     frame = pair.warp_input()
-    return warp_frame(frame.source, frame.flow_px, settings=PAIR_WARP, ctx=ctx)
+    settings = replace(PAIR_WARP, depth_speckle=mended)
+    return warp_frame(frame.source, frame.flow_px, settings=settings, ctx=ctx)
+
+
+def wrong_known(warped: WarpedFrame, truth: NDArray[np.float32]) -> tuple[float, float, float]:
+    """Return the share of known pixels that are wrong: within 4 px of holes, beyond 12 px, in all.
+
+    Holes of less than 2 x 2 px do not count as holes.
+    """
+    wrong = abs(warped.colour - truth).max(axis=-1) > SEEN
+    holes = ndimage.binary_opening(warped.hole, np.ones((2, 2)))
+    far = ndimage.distance_transform_cdt(~holes, "chessboard")
+    known = ~warped.hole
+    places = (known & (far <= BESIDE_PX), known & (far > APART_PX), known)
+    beside, apart, everywhere = (float(wrong[place].mean()) for place in places)
+    return beside, apart, everywhere
+
+
+def silhouettes(ctx: moderngl.Context, folder: Path | None) -> str:
+    """Render as Markdown: one row per pair, in %, with depth as measured and as mended."""
+    lines = [
+        "| wrong known pixels, % | near holes | mended | elsewhere | mended | all | mended |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for name, pair in pairs(folder):
+        if pair.right is not None:
+            bare, mended = (
+                wrong_known(warped_pair(ctx, pair, mended=is_mended), pair.right)
+                for is_mended in (False, True)
+            )
+            shares = (f"{100 * a:.2f} | {100 * b:.2f}" for a, b in zip(bare, mended, strict=True))
+            lines.append(f"| {name} | {' | '.join(shares)} |")
+    return "\n".join(lines)
 
 
 def measure(
@@ -102,6 +139,7 @@ def main(argv: list[str]) -> int:
     ctx = create_context()
     try:
         renderer = str(describe(ctx))
+        print(silhouettes(ctx, arguments.pairs))
         results = {name: measure(ctx, pair, choices) for name, pair in pairs(arguments.pairs)}
     finally:
         release_context(ctx)

@@ -31,6 +31,8 @@ class SourceFrame:
         Encoded R'G'B' in [0, 1].
     depth_m : ndarray of float32, shape (H, W)
         Distance along the optical axis, > 0; larger is farther; inf is "nothing there".
+    measured : ndarray of bool, shape (H, W), optional
+        False where depth was unknown and set by what is beside it. None: nowhere.
 
     Raises
     ------
@@ -40,11 +42,15 @@ class SourceFrame:
 
     colour: NDArray[np.float32]
     depth_m: NDArray[np.float32]
+    measured: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         check_colour(self.colour, "colour")
         check_depth(self.depth_m, "depth_m")
         check_same_size(colour=self.colour, depth_m=self.depth_m)
+        if self.measured is not None:
+            check_hole(self.measured, "measured")
+            check_same_size(depth_m=self.depth_m, measured=self.measured)
 
     @property
     def size(self) -> tuple[int, int]:

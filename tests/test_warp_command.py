@@ -158,7 +158,7 @@ def test_an_outlier_of_depth_is_mended_in_a_pair_and_said(photographs):
             *("-m", "push-pull-depth", "--disparity", photographs / "disparity.png", *more),
         )
         holes = said.partition("holes ")[2].partition(" %")[0]
-        shown[outlier, more] = out.read_bytes(), holes, "outliers of depth mended: 1" in said
+        shown[outlier, more] = out.read_bytes(), holes, "depth mended: 1 px" in said
 
     clean, mended, torn = shown.values()
     assert (clean[2], mended[2], torn[2]) == (False, True, False)

@@ -540,8 +540,8 @@ def load_depth(
     is_a: DepthIs = "distance",
     unknown: Unknown = None,
     intrinsics_px: tuple[float, float, float, float] | None = None,
-) -> NDArray[np.float32]:
-    """Read depth in metres along the optical axis, shape (H, W).
+) -> tuple[NDArray[np.float32], Bools]:
+    """Read depth in metres along the optical axis, and where it was measured, (H, W) each.
 
     The module says which numbers stand for "unknown": such a pixel takes the depth of the farther
     neighbour in the row.
@@ -570,7 +570,8 @@ def load_depth(
     if not scale > 0:
         raise InputError(f"metres per unit of depth must be greater than 0 (got {scale})")
     stored = _read_depth(path, scale, is_a, unknown)
-    if np.isnan(stored).any():
+    measured = ~np.isnan(stored)
+    if not measured.all():
         with np.errstate(divide="ignore", over="ignore"):
             inverse = (1 / stored).astype(np.float32)
             depth = (1 / fill_unknown(inverse)[0]).astype(np.float32)
@@ -582,7 +583,7 @@ def load_depth(
         height, width = depth.shape
         focal_px = ASSUMED_FIELD_OF_VIEW * width
         depth = along_axis(depth, intrinsics_px or centred(focal_px, width, height))
-    return depth
+    return depth, measured
 
 
 def centred(focal_px: float, width: int, height: int) -> tuple[float, float, float, float]:

@@ -19,7 +19,15 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
-from pipeline.frame import NO_DEPTH, Floats, SourceFrame, check_depth, check_file_size, check_flow
+from pipeline.frame import (
+    NO_DEPTH,
+    Bools,
+    Floats,
+    SourceFrame,
+    check_depth,
+    check_file_size,
+    check_flow,
+)
 from pipeline.pictures.channels import (
     Channels,
     channel_value,
@@ -188,14 +196,15 @@ def from_flow(
             ~known, return_distances=False, return_indices=True
         )
         flow_px = np.ascontiguousarray(flow_px[tuple(closest)])
+    measured: Bools | None = None
     if depth is not None:
-        depth_m = load_depth(depth, depth_scale, is_a=depth_is, unknown=unknown)
+        depth_m, measured = load_depth(depth, depth_scale, is_a=depth_is, unknown=unknown)
         check_file_size(depth, depth_m, picture, colour)
     else:
         speed = np.linalg.norm(flow_px.astype(np.float64), axis=-1) * (nearer == "fast")
         nearness = speed / speed.max() if speed.max() > 0 else np.ones(known.shape)
         depth_m = (1 / np.maximum(nearness, LEAST_NEARNESS)).astype(np.float32)
-    return WarpInput(SourceFrame(colour, depth_m), flow_px)
+    return WarpInput(SourceFrame(colour, depth_m, measured), flow_px)
 
 
 def from_depth(
@@ -228,11 +237,11 @@ def from_depth(
         If a file is not what it must be, sizes differ, or a camera is not possible.
     """
     colour = load_colour(picture)
-    depth_m = load_depth(
+    depth_m, measured = load_depth(
         depth, depth_scale, is_a=depth_is, unknown=unknown, intrinsics_px=intrinsics_px
     )
     check_file_size(depth, depth_m, picture, colour)
-    return _moved(colour, depth_m, intrinsics_px, pose, target_pose)
+    return _moved(SourceFrame(colour, depth_m, measured), intrinsics_px, pose, target_pose)
 
 
 def from_the_side(
@@ -270,7 +279,7 @@ def from_the_side(
             f"the parallax must lie between -1 and 1 widths and not be 0 (got {parallax_share:g})"
         )
     colour = load_colour(picture)
-    depth_m = load_depth(depth, depth_scale, is_a=depth_is, unknown=unknown)
+    depth_m, measured = load_depth(depth, depth_scale, is_a=depth_is, unknown=unknown)
     check_file_size(depth, depth_m, picture, colour)
     near = depth_m[np.isfinite(depth_m)]
     if not near.size:
@@ -278,18 +287,19 @@ def from_the_side(
     target = np.eye(4)
     target[0, 3] = parallax_share * float(np.percentile(near, 5))
     height, width = depth_m.shape
-    return _moved(colour, depth_m, centred(width, width, height), np.eye(4), target)
+    return _moved(
+        SourceFrame(colour, depth_m, measured), centred(width, width, height), np.eye(4), target
+    )
 
 
 def _moved(
-    colour: NDArray[np.float32],
-    depth_m: NDArray[np.float32],
+    source: SourceFrame,
     intrinsics_px: tuple[float, float, float, float],
     pose: Floats,
     target_pose: Floats,
 ) -> WarpInput:
-    flow_px, target_depth_m = motion_between(depth_m, intrinsics_px, pose, target_pose)
-    return WarpInput(SourceFrame(colour, depth_m), flow_px, target_depth_m)
+    flow_px, target_depth_m = motion_between(source.depth_m, intrinsics_px, pose, target_pose)
+    return WarpInput(source, flow_px, target_depth_m)
 
 
 def motion_between(

@@ -84,7 +84,7 @@ class WarpSettings:
         So many pixels of the background along a hole, 0 to 4, are taken to be mixed with what
         uncovered it, as a photograph's are, and are hole too. Needs variant ``full``.
     depth_speckle : bool
-        Whether outliers of depth are mended first, as measured depth needs it: see
+        Whether outliers and silhouettes of depth are mended first, as measured depth needs it: see
         `pipeline.warp.speckle`. A `WarpPass` takes sources that are mended.
 
     Raises
@@ -149,7 +149,7 @@ def checked_motion(
     depth_m = _checked_depth(frame, flow_px, target_depth_m)
     if not settings.depth_speckle:
         return flow_px, depth_m
-    pixel, source = mends(frame.depth_m)
+    pixel, source = mends(frame)
     return taken(flow_px, pixel, source), taken(depth_m, pixel, source)
 
 

@@ -1,9 +1,10 @@
-"""Pixels that would mislead: outliers of measured depth, and mixed pixels along a hole.
+"""Pixels that would mislead: outliers and silhouettes of measured depth, and mixed pixels.
 
 A hole takes the farthest depth of the quads that tore there, so one wrong pixel beside it decides
 the whole of it. Measured depth has such pixels, alone and in small clumps, most of all along
-silhouettes. They take depth and motion from around them before anything is warped. Rendered depth
-is right, and is left alone.
+silhouettes. They take depth and motion from around them before anything is warped. Then the
+silhouettes themselves, which are ragged, and which nothing measured in places, follow the colours:
+else the warp would comb them. Rendered depth is right, and is left alone.
 
 Both twins of the warp are given what is mended here: there is no twin of this.
 
@@ -20,8 +21,9 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
-from pipeline.frame import Bools, WarpedFrame
+from pipeline.frame import Bools, Floats, SourceFrame, WarpedFrame
 
 LEAST_ALIKE = 12  # pixels of the 7x7 around one, itself included, that bear it out
 WINDOW_PX = 3  # pixels this far along rows and columns are in the window
@@ -29,18 +31,39 @@ WIDER_PX = (3, 6, 12)  # windows in which a mend is looked for, in turn
 SAME_SURFACE = 0.04  # steps of 1 - z_near / z up to this are of one surface
 NEAR_PERCENTILE = 1.0  # of depth, for z_near: outliers do not set it
 CHUNK = 1 << 14  # pixels whose windows are looked at in one go
+NEAR_PX = 2.0  # standard deviation of the weight by distance: a silhouette is so wide
+COLOUR_NOISE = 0.06  # and of that by colour
+SILHOUETTE_PX = 6  # three of the former: so far from a step in depth pixels are judged, and judge
+UNMEASURED = 0.1  # weight of depth that was set where none was measured
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 def taken(
-    plane: NDArray[np.float32], pixel: NDArray[np.intp], source: NDArray[np.intp]
-) -> NDArray[np.float32]:
+    plane: NDArray[Scalar], pixel: NDArray[np.intp], source: NDArray[np.intp]
+) -> NDArray[Scalar]:
     """Copy a plane, with what it has at `source` put at `pixel`, each (N, 2)."""
     result = plane.copy()
     result[tuple(pixel.T)] = plane[tuple(source.T)]
     return result
 
 
-def mends(depth_m: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def mends(frame: SourceFrame) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the pixels whose depth is mended and the pixel that each is to be like, (N, 2) each.
+
+    Outliers are mended first, then silhouettes.
+    """
+    own = np.arange(frame.depth_m.size).reshape(frame.size)
+    first = outlier_mends(frame.depth_m)
+    second = silhouette_mends(replace(frame, depth_m=taken(frame.depth_m, *first)))
+    like = taken(taken(own, *first), *second)
+    pixel = np.argwhere(like != own)
+    return pixel, np.stack(np.divmod(like[tuple(pixel.T)], frame.size[1]), axis=-1)
+
+
+def outlier_mends(
+    depth_m: NDArray[np.float32],
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the pixels that are outliers and the pixel that each is to be like, (N, 2) each.
 
     That is the median, in depth, of what is no outlier in the smallest window of `WIDER_PX` that
@@ -66,6 +89,63 @@ def mends(depth_m: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.in
     return np.concatenate(pixels), np.concatenate(sources)
 
 
+def silhouette_mends(frame: SourceFrame) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return pixels beside a step in depth and the pixel that each is to be like, (N, 2) each.
+
+    Every pixel within `SILHOUETTE_PX` of one is for its own depth, with a weight that falls with
+    its distance and with the difference of its colour. One whose own surface has less than half of
+    the weight is to be like the weighted median, in depth, if as much speaks against its own as
+    one measured pixel of the same colour. The frame is mirrored at its edges.
+
+    Notes
+    -----
+    Weighted median: Ma et al. 2013, "Constant time weighted median filtering for stereo matching
+    and beyond". There every pixel takes it.
+    """
+    edge = 2 * SILHOUETTE_PX + 1
+    steps = np.stack(np.divmod(np.arange(edge**2), edge), axis=-1) - SILHOUETTE_PX
+    steps = steps[(steps**2).sum(axis=-1) <= SILHOUETTE_PX**2]
+    fall = ((steps**2).sum(axis=-1) / (2 * NEAR_PX**2)).astype(np.float32)[:, None]
+    guide = _guide(frame.depth_m)
+    torn = np.zeros(frame.size, np.bool_)
+    torn[1:] |= abs(np.diff(guide, axis=0)) > SAME_SURFACE
+    torn[:, 1:] |= abs(np.diff(guide, axis=1)) > SAME_SURFACE
+    trust = np.ones(guide.size, np.float32)
+    if frame.measured is not None:
+        trust[~frame.measured.ravel()] = UNMEASURED
+    colour = frame.colour.reshape(-1, 3)
+    depth = guide.ravel().astype(np.float32)
+    index = np.pad(np.arange(depth.size).reshape(frame.size), SILHOUETTE_PX, mode="reflect")
+    pixels, sources = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)]
+    for some in _chunks(np.argwhere(ndimage.maximum_filter(torn, edge))):
+        at = some + SILHOUETTE_PX
+        here, place = index[tuple(at.T)], index[tuple(np.moveaxis(at + steps[:, None], -1, 0))]
+        apart = ((colour[place] - colour[here]) ** 2).sum(axis=-1) / (2 * COLOUR_NOISE**2)
+        weight = trust[place] * np.exp(-apart - fall)
+        own = (weight * (abs(depth[place] - depth[here]) <= SAME_SURFACE)).sum(axis=0)
+        other = weight.sum(axis=0) - own
+        moved = (other > own) & (other > 1)
+        here, place, weight = here[moved], place[:, moved], weight[:, moved]
+        order = depth[place].argsort(axis=0, kind="stable")
+        total = np.take_along_axis(weight, order, axis=0).cumsum(axis=0)
+        middle = order[(2 * total < total[-1:]).sum(axis=0), np.arange(len(here))]
+        pixels.append(here)
+        sources.append(place[middle, np.arange(len(here))])
+    pixel, source = (
+        np.stack(np.divmod(np.concatenate(found), frame.size[1]), axis=-1)
+        for found in (pixels, sources)
+    )
+    return pixel, source
+
+
+def _guide(depth_m: NDArray[np.float32]) -> Floats:
+    """Return 1 - z_near / z, which an outlier does not set."""
+    finite = depth_m[np.isfinite(depth_m)]
+    near_m = np.percentile(finite, NEAR_PERCENTILE) if finite.size else 1.0
+    guide: Floats = 1 - near_m / depth_m.astype(np.float64)
+    return guide
+
+
 def _chunks(pixels: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     """Cut (N, 2) into parts whose windows fit memory."""
     return [pixels[first : first + CHUNK] for first in range(0, len(pixels), CHUNK)]
@@ -79,9 +159,7 @@ def outliers(depth_m: NDArray[np.float32]) -> Bools:
     what is seen between them, go on beyond. And so is one beside a pixel of its depth that is. The
     frame is mirrored at its edges.
     """
-    finite = depth_m[np.isfinite(depth_m)]
-    near_m = np.percentile(finite, NEAR_PERCENTILE) if finite.size else 1.0
-    guide = np.pad(1 - near_m / depth_m.astype(np.float64), WINDOW_PX, mode="reflect")
+    guide = np.pad(_guide(depth_m), WINDOW_PX, mode="reflect")
 
     def alike(pixel: NDArray[np.intp], y: int, x: int) -> Bools:
         place = pixel + WINDOW_PX
@@ -135,8 +213,6 @@ def _unborne(shape: tuple[int, ...], pixel: NDArray[np.intp], beside: Bools) -> 
         pixel, beside = pixel[~borne], beside[~borne]
     return bad
 
-
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 # A hole less deep than this in a direction has no rim there. The twin asks three by name.
 HOLE_PX = 3

@@ -266,7 +266,7 @@ class StereoScene(ExtendedModel, _PhotoScene):
     rim_px: RimPixels = PHOTOGRAPH_RIM_PX
     """Width of the mixed pixels along a silhouette. They become part of the hole."""
     depth_speckle: bool = True
-    """Mend outliers of depth before the warp."""
+    """Mend outliers and silhouettes of depth before the warp."""
 
     added_later: ClassVar[tuple[str, ...]] = ("units_per_px", "unknown", "depth_speckle")
 

@@ -53,7 +53,7 @@ class PhotoScenery(Scenery):
     rim_px : int
         How wide the rim of mixed pixels along silhouettes is.
     depth_speckle : bool
-        Whether outliers of depth are mended: once, in the photograph's own pixels.
+        Whether outliers and silhouettes of depth are mended: once, in the photograph's own pixels.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class PhotoScenery(Scenery):
         depth_speckle: bool = False,
     ) -> None:
         if depth_speckle:
-            frame = replace(frame, depth_m=taken(frame.depth_m, *mends(frame.depth_m)))
+            frame = replace(frame, depth_m=taken(frame.depth_m, *mends(frame)))
         self._name, self._frame, self._focal_px, self._pair = name, frame, focal_px, pair
         self.largest_extent_m, self.rim_px = largest_extent_m, rim_px
 
@@ -144,7 +144,7 @@ def open_stereo(scene: StereoScene, folder: Path) -> PhotoScenery:
         largest = scene.camera.baselines * scene.baseline_m
     else:
         pair = replace(pair, right=None)
-    frame = SourceFrame(pair.left, pair.depth_m)
+    frame = SourceFrame(pair.left, pair.depth_m, pair.known)
     return PhotoScenery(
         scene.name, frame, pair.focal_px, pair=pair, largest_extent_m=largest,
         rim_px=scene.rim_px, depth_speckle=scene.depth_speckle,
@@ -188,12 +188,12 @@ def open_rgbd(scene: RgbdScene, folder: Path) -> PhotoScenery:
         raise InputError(f"{scene.name}: the stereo path needs a stereo pair (this is one picture)")
     colour = load_colour(folder / scene.rgb)
     height, width = colour.shape[:2]
-    depth = load_depth(
+    depth, measured = load_depth(
         folder / scene.depth, scene.depth_scale, is_a=scene.depth_is, unknown=scene.unknown,
         intrinsics_px=centred(scene.focal_px, width, height),
     )  # fmt: skip
     check_file_size(scene.depth, depth, scene.rgb, colour)
-    frame = SourceFrame(colour, depth)
+    frame = SourceFrame(colour, depth, measured)
     return PhotoScenery(
         scene.name, frame, scene.focal_px, rim_px=scene.rim_px, depth_speckle=scene.depth_speckle
     )

@@ -159,7 +159,7 @@ class SequenceScenery(Scenery):
         del pose, extent_m
         whole = self._picture(frame).frame
         inside = self._inside(whole.size, size_px, margin_px)
-        depth_m = _cut(self._mended(whole.depth_m, whole.depth_m), inside)
+        depth_m = _cut(self._mended(whole.depth_m, whole), inside)
         cut = SourceFrame(_cut(whole.colour, inside), depth_m)
         height, width = cut.size
         focal = self._scene.focal_px or ASSUMED_FOCAL * whole.size[1]
@@ -185,7 +185,7 @@ class SequenceScenery(Scenery):
         first = self._picture(source).frame
         flow = followed(source, frame, lambda step: self._picture(step).frame, self._motion)
         inside = self._inside(first.size, size_px, margin_px)
-        flow, depth_m = (self._mended(plane, first.depth_m) for plane in (flow, first.depth_m))
+        flow, depth_m = (self._mended(plane, first) for plane in (flow, first.depth_m))
         return _cut(flow, inside), _cut(depth_m, inside)
 
     def judged(self, frame: int) -> TruthVerdict:
@@ -209,11 +209,9 @@ class SequenceScenery(Scenery):
         """Near depth of the first file."""
         return near_depth_m(self._picture(0).frame)
 
-    def _mended(
-        self, plane: NDArray[np.float32], depth_m: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        """Give outliers of a file's depth what `plane` has beside them, if the scene says so."""
-        return taken(plane, *mends(depth_m)) if self._scene.depth_speckle else plane
+    def _mended(self, plane: NDArray[np.float32], frame: SourceFrame) -> NDArray[np.float32]:
+        """Give pixels of wrong depth what `plane` has beside them, if the scene says so."""
+        return taken(plane, *mends(frame)) if self._scene.depth_speckle else plane
 
     def _inside(
         self, whole: tuple[int, int], size_px: tuple[int, int], margin_px: int

@@ -108,7 +108,7 @@ class StereoPair:
         """
         flow_px = np.zeros((*self.disparity_px.shape, 2), np.float32)
         flow_px[..., 0] = (amount if self.mirrored else -amount) * self.disparity_px
-        return WarpInput(SourceFrame(self.left, self.depth_m), flow_px)
+        return WarpInput(SourceFrame(self.left, self.depth_m, self.known), flow_px)
 
 
 def built_in_pair(name: str) -> StereoPair:

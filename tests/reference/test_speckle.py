@@ -1,5 +1,6 @@
-"""Outliers of measured depth: which are mended, how, and what thin things stay."""
+"""Measured depth: which outliers and silhouettes are mended, how, and what thin things stay."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,7 +10,7 @@ from pipeline.frame import SourceFrame
 from pipeline.warp.gpu import warp_frame
 from pipeline.warp.reference import warp
 from pipeline.warp.settings import WarpSettings
-from pipeline.warp.speckle import mends, outliers, taken
+from pipeline.warp.speckle import mends, outlier_mends, outliers, taken
 
 SIZE = 40, 50
 WALL_M, NEAR_M = 5.0, 2.0
@@ -20,7 +21,7 @@ def wall(depth_m=WALL_M) -> np.ndarray:
 
 
 def mended(depth_m) -> np.ndarray:
-    return taken(depth_m, *mends(depth_m))
+    return taken(depth_m, *outlier_mends(depth_m))
 
 
 @pytest.mark.parametrize("size_px", [(1, 1), (2, 2), (3, 3), (1, 3)])
@@ -95,8 +96,62 @@ def test_the_nearest_to_the_middle_of_what_is_around_is_taken():
 def test_what_nothing_can_mend_stays():
     depth = np.float32([[1.0, 9.0], [30.0, 3.0]])
 
-    assert len(mends(depth)[0]) == 0
+    assert len(outlier_mends(depth)[0]) == 0
     np.testing.assert_array_equal(mended(depth), depth)
+
+
+BRIGHT, DARK = np.float32([0.8, 0.7, 0.6]), np.float32([0.3, 0.3, 0.4])
+
+
+def block(near) -> SourceFrame:
+    """A bright near thing before a dark wall, with depth as exact as its colour."""
+    return SourceFrame(
+        np.where(near[..., None], BRIGHT, DARK), np.where(near, np.float32(NEAR_M), wall())
+    )
+
+
+def test_a_combed_silhouette_follows_the_colours(rng):
+    near = np.zeros(SIZE, np.bool_)
+    near[8:32, 15:35] = True
+    right = block(near)
+    depth = right.depth_m.copy()
+    for row in range(SIZE[0]):  # each row of the outline is off by up to 2 px, to either side
+        depth[row] = np.roll(depth[row], rng.integers(-2, 3))
+    combed = replace(right, depth_m=depth)
+
+    np.testing.assert_array_equal(taken(depth, *mends(combed)), right.depth_m)
+    flat = replace(combed, colour=np.full_like(right.colour, 0.5))
+    assert (taken(depth, *mends(flat)) != right.depth_m).any()  # colour is what tells
+
+
+def test_what_was_not_measured_follows_what_was():
+    near = np.zeros(SIZE, np.bool_)
+    near[8:32, 15:35] = True
+    right = block(near)
+    depth, measured = right.depth_m.copy(), np.ones(SIZE, np.bool_)
+    measured[10:30, 29:35] = False  # more of the near thing's side than half of what is seen of it
+    depth[~measured] = WALL_M
+
+    kept = taken(depth, *mends(replace(right, depth_m=depth)))
+    found = taken(depth, *mends(replace(right, depth_m=depth, measured=measured)))
+
+    assert (found[~measured] == NEAR_M).mean() > 0.6 > (kept[~measured] == NEAR_M).mean()
+    np.testing.assert_array_equal(found[measured], right.depth_m[measured])
+
+
+def test_a_pixel_like_none_of_a_surface_keeps_its_depth():
+    near = np.zeros(SIZE, np.bool_)
+    near[8:32, 15:35] = True
+    right = block(near)
+    colour, depth = right.colour.copy(), right.depth_m.copy()
+    colour[20, 34], depth[20, 34] = (0.1, 0.9, 0.1), WALL_M
+
+    assert taken(depth, *mends(SourceFrame(colour, depth)))[20, 34] == WALL_M
+
+
+@pytest.mark.parametrize("thing", [spokes, leaves], ids=["spokes", "leaves"])
+def test_thin_things_whose_colour_differs_keep_their_outline(thing):
+    assert len(mends(block(thing() == NEAR_M))[0]) == 0
 
 
 def source(rng) -> tuple[SourceFrame, np.ndarray, np.ndarray]:

@@ -141,13 +141,13 @@ def test_a_distance_far_nearer_than_all_others_is_asked_about(tmp_path):
     depth[:2] = 0.01
     np.save(tmp_path / "a.npy", depth)
     with pytest.raises(InputError, match=r"40 pixels hold 0\.01, far from all others.*--unknown"):
-        load_depth(tmp_path / "a.npy", 1.0)
-    filled = load_depth(tmp_path / "a.npy", 1.0, unknown=[0.01])
+        load_depth(tmp_path / "a.npy", 1.0)[0]
+    filled = load_depth(tmp_path / "a.npy", 1.0, unknown=[0.01])[0]
     np.testing.assert_allclose(filled[:2], filled[[2, 2]], rtol=1e-6)
-    assert (load_depth(tmp_path / "a.npy", 1.0, unknown=[])[:2] == np.float32(0.01)).all()
+    assert (load_depth(tmp_path / "a.npy", 1.0, unknown=[])[0][:2] == np.float32(0.01)).all()
     depth[:2] = 0.1
     np.save(tmp_path / "a.npy", depth)
-    assert (load_depth(tmp_path / "a.npy", 1.0)[:2] == np.float32(0.1)).all()
+    assert (load_depth(tmp_path / "a.npy", 1.0)[0][:2] == np.float32(0.1)).all()
 
 
 def test_numbers_of_few_bits_stay_what_they_are(tmp_path):
@@ -200,7 +200,7 @@ def test_depth_takes_what_disparity_takes(tmp_path, left, truth_px, name):
     else:
         cv2.imwrite(str(tmp_path / name), stored)
 
-    depth = load_depth(tmp_path / name, 0.01)
+    depth = load_depth(tmp_path / name, 0.01)[0]
     pair = load_pair(left, tmp_path / name, units_per_px=100)
 
     np.testing.assert_allclose(depth, stored / 100, rtol=1e-6)
@@ -323,7 +323,7 @@ def test_stand_ins_of_several_numbers_are_named_and_the_cure_takes_them(
     def read(unknown=None):
         if kind == "disparity":
             return load_pair(left, tmp_path / "d.npy", unknown=unknown).disparity_px
-        return load_depth(tmp_path / "d.npy", 1.0, is_a=kind, unknown=unknown)
+        return load_depth(tmp_path / "d.npy", 1.0, is_a=kind, unknown=unknown)[0]
 
     with pytest.raises(InputError, match=f"at {HEIGHT} pixels") as told:
         read()
@@ -338,7 +338,7 @@ def test_inverse_depth_of_infinity_is_noted_as_unknown(tmp_path):
     stored[:, :2] = np.inf
     np.save(tmp_path / "d.npy", stored)
 
-    depth, notes = tell(load_depth, tmp_path / "d.npy", 1.0, is_a="inverse")
+    (depth, _), notes = tell(load_depth, tmp_path / "d.npy", 1.0, is_a="inverse")
 
     assert (depth == 2).all()
     assert "inf, at 12 pixels, is taken for unknown" in notes[0]
@@ -378,7 +378,7 @@ def test_unknown_depth_takes_the_farther_side_whatever_stands_for_it(
     stored[:, 3:5] = stands
     np.save(tmp_path / "d.npy", stored)
 
-    depth, notes = tell(load_depth, tmp_path / "d.npy", 1.0)
+    (depth, _), notes = tell(load_depth, tmp_path / "d.npy", 1.0)
 
     np.testing.assert_allclose(depth, np.tile([2.0, 2, 2, 5, 5, 5, 5, 5], (6, 1)), rtol=1e-6)
     assert bool(notes) == noted
@@ -387,7 +387,7 @@ def test_unknown_depth_takes_the_farther_side_whatever_stands_for_it(
 def test_depth_of_nothing_is_infinite(tmp_path):
     np.save(tmp_path / "d.npy", np.array([[1.0, 1e10, np.inf, 3.4e38]], np.float32))
 
-    np.testing.assert_array_equal(load_depth(tmp_path / "d.npy", 0.5), [[0.5, *[np.inf] * 3]])
+    np.testing.assert_array_equal(load_depth(tmp_path / "d.npy", 0.5)[0], [[0.5, *[np.inf] * 3]])
 
 
 @pytest.mark.parametrize("stored_as", ["int32", "uint32", "int64"])
@@ -397,11 +397,11 @@ def test_the_largest_number_of_16_bits_is_asked_about_in_wider_ones(tmp_path, st
     np.save(tmp_path / "d.npy", stored)
 
     with pytest.raises(InputError, match=r"unknown = \[65535\] in a study, or --unknown 65535"):
-        load_depth(tmp_path / "d.npy", 0.001)
-    assert load_depth(tmp_path / "d.npy", 0.001, unknown=(65535,)).max() == 2
+        load_depth(tmp_path / "d.npy", 0.001)[0]
+    assert load_depth(tmp_path / "d.npy", 0.001, unknown=(65535,))[0].max() == 2
     stored[:5, :5] = 99_000
     np.save(tmp_path / "d.npy", stored)
-    assert load_depth(tmp_path / "d.npy", 0.001).max() == 99
+    assert load_depth(tmp_path / "d.npy", 0.001)[0].max() == 99
 
 
 def test_a_largest_number_of_depth_far_from_others_is_asked_about(tmp_path):
@@ -410,9 +410,9 @@ def test_a_largest_number_of_depth_far_from_others_is_asked_about(tmp_path):
     cv2.imwrite(str(tmp_path / "d.png"), stored)
 
     with pytest.raises(InputError, match=r"unknown = \[65535\] in a study, or --unknown 65535"):
-        load_depth(tmp_path / "d.png", 0.001)
-    assert load_depth(tmp_path / "d.png", 0.001, unknown=(65535,)).max() == 2
-    assert load_depth(tmp_path / "d.png", 0.001, unknown=()).max() == np.float32(65.535)
+        load_depth(tmp_path / "d.png", 0.001)[0]
+    assert load_depth(tmp_path / "d.png", 0.001, unknown=(65535,))[0].max() == 2
+    assert load_depth(tmp_path / "d.png", 0.001, unknown=())[0].max() == np.float32(65.535)
 
 
 def test_gdals_number_for_unknown_is_honoured(tmp_path, left, truth_px):
@@ -493,7 +493,7 @@ def test_a_wrong_byte_order_is_told_without_a_warning(tmp_path, left, stored_as,
         with pytest.raises(InputError, match="byte order that it states"):
             read()
     np.testing.assert_allclose(
-        load_depth(tmp_path / "right.npy", 0.001), 0.001 * right_order.astype(float), rtol=1e-6
+        load_depth(tmp_path / "right.npy", 0.001)[0], 0.001 * right_order.astype(float), rtol=1e-6
     )
 
 
@@ -524,8 +524,8 @@ def test_a_depth_of_another_unit_is_refused_until_the_unit_is_told(tmp_path):
     odd.write_exr(tmp_path / "a.exr", {"Z": plane}, **{"metamerlab:depth_unit": "mm"})
 
     with pytest.raises(InputError, match=r"in metres \(the header says 'mm'\); .*--depth-scale"):
-        load_depth(tmp_path / "a.exr", 1.0)
-    assert load_depth(tmp_path / "a.exr", 0.001)[0, 0] == 2
+        load_depth(tmp_path / "a.exr", 1.0)[0]
+    assert load_depth(tmp_path / "a.exr", 0.001)[0][0, 0] == 2
 
 
 # ---- a picture of numbers
@@ -571,7 +571,7 @@ def test_the_one_plane_among_the_parts_of_a_file_is_taken(tmp_path, left, truth_
         np.testing.assert_array_equal(load_plane(path)[0], plane)
 
     odd.write_parts(path, {"a": {name: plane}, "b": {name: 9 * plane}})
-    for read in (lambda: load_pair(left, path), lambda: load_depth(path, 1.0)):
+    for read in (lambda: load_pair(left, path), lambda: load_depth(path, 1.0)[0]):
         with pytest.raises(InputError, match=rf"fit: a\.{name}, b\.{name}\); save .* alone"):
             read()
     odd.write_parts(path, {"a": colour, "b": {k: 2 * v for k, v in colour.items()}})

@@ -153,7 +153,7 @@ def _run(
                 ctx, frame, choices, seed=seed, settings=settings, truth=truth,
                 truth_mask=None if eye is None else periphery(eye), hole=loaded.hole,
             )  # fmt: skip
-    mended = len(mends(frame.source.depth_m)[0]) if settings.depth_speckle else 0
+    mended = len(mends(frame.source)[0]) if settings.depth_speckle else 0
     _print_results(console, warped, fills, settings.rim_px, mended, eye)
     plain = fills
     if eye is not None and truth is not None:
@@ -238,7 +238,7 @@ def _print_results(
     if rim_px > 0:
         holes += f", with a rim of {rim_px} px"
     if mended > 0:
-        holes += f"; outliers of depth mended: {mended}"
+        holes += f"; depth mended: {mended} px"
     console.print(f"{width} x {height} px, {holes}")
     every = [(fill.choice, fill.quality_all) for fill in fills]
     if eye is not None:
