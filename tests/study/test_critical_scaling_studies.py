@@ -211,7 +211,7 @@ def test_it_is_simulated_and_reported_by_the_same_commands(name, tmp_path, monke
     assert all(set(one["alone"]) == {"S001", "S002", "S003"} for one in results["critical"]["fits"])
     page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
     assert "noise, against the standard" in page
-    assert "Pooled exact p takes trials as independent, which they are not" in page
+    assert "It takes trials as independent, which they are not" in page
     assert (
         "Participants&#39; critical scalings" in page or "Participants' critical scalings" in page
     )
