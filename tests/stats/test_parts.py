@@ -229,7 +229,7 @@ def check(folder, parts, page: str) -> None:
     written = [file.read_bytes() for file in sorted((folder / "tables").glob("*.csv"))]
     assert len({*written}) == len(written)
     # One p decides about each comparison, stands first, and is marked; others are folded.
-    first, folded = page.split('<h2 id="other">')
+    first, _, folded = page.partition('<h2 id="other">')
     folded = folded.split("<h2")[0]
     told, beside = (set(re.findall(r"<th [^>]*>(.*?)</th>", part)) for part in (first, folded))
     assert {one for one in told if re.search(r"\bp\b", one)} == {"Deciding p"}
