@@ -9,7 +9,7 @@ from numpy.random import Generator
 from analysis.models.contrasts import Difference
 from analysis.models.right_answers import Rate
 from analysis.parts import Part, PartNumbers, Presentation
-from analysis.parts.shared import apa_difference, decides, planned_family
+from analysis.parts.shared import against, apa_difference, decides, planned_family
 from analysis.plans.rate_plan import RatePlan
 from analysis.report.wording import (
     leading,
@@ -89,12 +89,12 @@ class ComparisonsPart(Part[RatePlan, PlannedTests]):
         holm = plan.correction == "holm"
         decides, methods = "", ""
         if planned:
-            against, count = label(planned[0].second), len(planned)
+            others, count = against(planned, plan), len(planned)
             adjusted = f", Holm-adjusted over {count} comparisons" if holm and count > 1 else ""
-            decides = f"Each against {against}, two-sided{adjusted}; these p decide."
+            decides = f"Each against {others}, two-sided{adjusted}; these p decide."
             if count > 1:
                 corrected = ", Holm-adjusted" if holm else ", not adjusted"
-                methods = f"{count} comparisons with {against} were planned{corrected}. "
+                methods = f"{count} comparisons with {others} were planned{corrected}. "
         return Presentation(
             lead=(Box(title, " ".join(lines[:6]) + more, decides),) if lines else (),
             headline=apa_difference(planned[0], plan) if planned else "".join(lines[:1]),

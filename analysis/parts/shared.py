@@ -109,13 +109,19 @@ def tests_of(found: Sequence[Comparison]) -> str:
     return "Wald's statistics, which" if many(found) else "likelihood ratios, whose roots"
 
 
+def against(found: Sequence[Comparison], plan: AnalysisPlan) -> str:
+    """Return the names of what others are compared with, the mean of all last."""
+    others = sorted({one.second for one in found}, key=lambda name: (name == MEAN, name))
+    return " and ".join(map(plan.label, others))
+
+
 def many_told(found: Sequence[Comparison], plan: AnalysisPlan) -> str:
     """Return the comparisons of many conditions in words; empty where they are few."""
     if not many(found):
         return ""
     return (
         f"Of more than {MOST_IN_PAIRS} conditions each is compared with"
-        f" {plan.label(found[0].second)} and with {MEAN}, and with no other."
+        f" {against(found, plan)}, and no other."
     )
 
 

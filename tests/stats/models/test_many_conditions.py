@@ -1,5 +1,7 @@
 """Of many conditions each is compared with one and with the mean of all, in little time."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +11,7 @@ from analysis.models.contrasts import MEAN, MOST_IN_PAIRS, pairs_of
 from analysis.models.mixed import reaction_model
 from analysis.models.ordinal import rating_model
 from analysis.models.right_answers import correct_rates, rate_contrasts
+from analysis.parts.shared import many_told
 
 run = result_of("analysis", env={"COLUMNS": "200"})
 MANY = [f"c{k}" for k in range(MOST_IN_PAIRS + 1)]
@@ -36,7 +39,10 @@ def test_more_than_eight_are_not_compared_in_pairs():
 
 
 def test_a_condition_against_the_mean_is_its_surplus(rows):
-    found = [one for one in rate_contrasts(rows, ["method"]) if one.second == MEAN]
+    every = sorted(rate_contrasts(rows, ["method"]), key=lambda one: one.first)
+    said = many_told(every, SimpleNamespace(label=str))
+    assert said.endswith(f"compared with c0 and {MEAN}, and no other.")
+    found = [one for one in every if one.second == MEAN]
     share = np.array([one.share for one in correct_rates(rows, ["method"], chance=0.5)])
 
     assert [one.difference for one in found] == pytest.approx(list(share - share.mean()))
@@ -63,4 +69,4 @@ def test_the_table_says_what_is_compared(command, rows, tmp_path):
     rows.to_csv(tmp_path / "rows.csv", index=False)
     said = " ".join(run(command, tmp_path / "rows.csv", "--by", "method").output.split())
 
-    assert f"Of more than 8 conditions each is compared with c0 and with {MEAN}" in said
+    assert f"Of more than 8 conditions each is compared with c0 and {MEAN}" in said
