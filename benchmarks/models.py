@@ -25,6 +25,12 @@ from scipy.special import expit, ndtr
 from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.cells import checked, grid
 from analysis.models.clustered import two_way
+from analysis.models.critical_scaling import (
+    CriticalModel,
+    critical_misfits,
+    critical_scalings,
+)
+from analysis.models.curves.critical_likelihood import scaling_d_prime
 from analysis.models.curves.goodness_of_fit import misfits
 from analysis.models.logistic import glmm_logit, models_beside
 from analysis.models.mixed.reaction_model import time_model
@@ -33,6 +39,7 @@ from analysis.models.psychometric import CurveForm, sigmoid
 from analysis.models.second_factor import jod_interactions, share_interactions
 from analysis.models.thresholds import fit_thresholds
 from benchmarks.shared.output import file_to_write, write_record
+from protocols.answer_rules import answer_rule
 from protocols.revision import code_revision
 
 Floats = NDArray[np.float64]
@@ -150,6 +157,38 @@ def goodness(design: Design, rng: np.random.Generator) -> list[Outcome]:
         *((one.p_adjusted, one.level_p_adjusted) for one in found), strict=True
     )
     return [(min(deviance), None), (min(by_level), None)]
+
+
+def _critical(design: Design, rng: np.random.Generator) -> tuple[pd.DataFrame, CriticalModel]:
+    """Simulate and fit an ABX study of scalings, with s_c of .2 and a gain of 4."""
+    table, shift = _crossed(design, rng, len(design.levels))
+    gain = 4.0 * np.exp(rng.normal(0.0, 0.2, design.people))
+    scaling = np.exp(np.array(design.levels)[table["last"]])
+    d_prime = scaling_d_prime(
+        scaling, 0.2 * np.exp(shift), gain[table["participant"].astype(int).to_numpy()]
+    )
+    lapsed = rng.random(shift.size) < design.lapse
+    share = np.where(lapsed, 0.5, answer_rule("differencing").share(d_prime))
+    table = table.assign(scaling=scaling, correct=(rng.random(shift.size) < share).astype(int))
+    return table, critical_scalings(table, ("method",))
+
+
+def critical(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate and judge the difference of ln s_c."""
+    model = _critical(design, rng)[1]
+    if not model.contrasts:
+        return None
+    one = model.contrasts[0]
+    return one.p, one.lower <= 0.0 <= one.upper
+
+
+def critical_goodness(design: Design, rng: np.random.Generator) -> list[Outcome]:
+    """Simulate a study of scalings that the model fits; judge deviance and residuals by level."""
+    found, _ = critical_misfits(_critical(design, rng)[1], rng)
+    return [
+        (min(one.p_adjusted for one in found), None),
+        (min(one.level_p_adjusted for one in found), None),
+    ]
 
 
 def times(design: Design, rng: np.random.Generator) -> Outcome:

@@ -1,33 +1,33 @@
 """Critical scaling: the largest pooling that ABX observers cannot tell from what it pools."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
-import scipy
-from scipy.special import expit, log_expit, logsumexp, ndtri
+from scipy.special import expit, ndtri
 
 from analysis.arrays import Floats, Ints
-from analysis.models.cells import checked, conditions, grid
-from analysis.models.contrasts import Difference, paired, pairs_of
-from analysis.models.curves.response import RATE_PRIOR
-from analysis.models.numeric import numeric_hessian, two_sided_quantile
+from analysis.models.cells import TrialGrid, checked, grid, numbered, one_condition
+from analysis.models.contrasts import (
+    IN_CONDITION,
+    CrossedDesign,
+    Difference,
+    pairs_of,
+    wald,
+)
+from analysis.models.curves.critical_likelihood import (
+    CriticalLikelihood,
+    Parameters,
+    fit_scenes,
+    scaling_d_prime,
+)
+from analysis.models.curves.goodness_of_fit import Misfit, adjusted, misfit, studies_of
+from analysis.models.numeric import two_sided_quantile
 from protocols.answer_rules import answer_rule
 from protocols.errors import count_of
-
-STEP_SCALING, STEP_GAIN = 0.06, 0.2
-"""Distances of the grid over participants' ln s_c and ln gain."""
-
-GAINS = (0.3, 40.0)
-BEYOND = 1.5
-"""Reach of the grid of ln s_c past the scalings shown."""
-
-PERSON_PRIOR_SD = 1.5
-"""Deviation of ln s_c and ln gain from mid-scaling and gain 5, in a fit of one person.
-
-Wide (a factor of 4.5 either way), and enough to keep someone finite who is always at chance."""
 
 FEW_PARTICIPANTS = 5
 
@@ -42,13 +42,13 @@ HARDLY_SEEN_NOTE = (
 UNBOUNDED = 1000.0
 """Limits whose ends differ by more than this factor leave a critical scaling or gain open.
 
-The gains that a fit looks at (`GAINS`) span a factor of 133."""
+The gains that a fit looks at span a factor of 133."""
 
-SD_PRIOR = 0.5
-"""Scale of the Rayleigh law that the deviations of ln s_c and ln gain are drawn to.
+MOST_SCENES = 80
+"""Scenes times conditions, up to which scenes have deviations: each is a parameter."""
 
-It keeps them off 0, where ten people's maximum-likelihood deviation often lies and limits would
-be too narrow (Chung et al. 2013), and off the absurd."""
+SCALING = "critical scaling's level"
+"""Column of the scaling as a number, whatever the table calls it."""
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,16 @@ class CriticalScaling:
     Attributes
     ----------
     critical, gain : float
-        Of the typical participant (their geometric mean).
+        Of the typical participant and scene (their geometric mean).
     critical_limits, gain_limits : pair of float or None
         None where the likelihood does not bound them.
-    critical_sd, gain_sd : float
-        Between participants, of natural logarithms.
+    critical_sd, gain_sd, scene_sd : float
+        Between participants, and of ln s_c between scenes (0: none has one), of natural logarithms.
     lapse : float
     individual : mapping of participant to (critical, gain)
         Drawn towards the typical one as far as their answers leave open.
-    alone : mapping of participant to critical
-        Fitted to their answers alone (`fit_alone`); empty where it was not asked for.
+    scenes : mapping of scene to (critical, lower, upper)
+        Of these scenes, drawn towards the typical one too; empty where scenes have no deviation.
     """
 
     condition: str
@@ -77,16 +77,15 @@ class CriticalScaling:
     gain_limits: tuple[float, float] | None
     critical_sd: float
     gain_sd: float
+    scene_sd: float
     lapse: float
     rule: str
-    law: str
     level: float
-    log_likelihood: float
     trials: int
     participants: int
     individual: Mapping[str, tuple[float, float]]
+    scenes: Mapping[str, tuple[float, float, float]]
     warnings: tuple[str, ...]
-    alone: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def critical_identified(self) -> bool:
@@ -101,7 +100,14 @@ class CriticalScaling:
     @property
     def unidentified(self) -> tuple[str, ...]:
         """Fields whose numbers mean nothing."""
-        critical = ("critical", "critical_limits", "critical_sd", "individual", "alone")
+        critical = (
+            "critical",
+            "critical_limits",
+            "critical_sd",
+            "scene_sd",
+            "individual",
+            "scenes",
+        )
         gain = ("gain", "gain_limits", "gain_sd")
         return (critical if not self.critical_identified else ()) + (
             gain if not self.gain_identified else ()
@@ -123,51 +129,102 @@ class CriticalScaling:
         steeply than the typical participant's.
         """
         z_s, z_g = (ndtri((np.arange(n) + 0.5) / n) for n in (200, 20))
-        critical = self.critical * np.exp(self.critical_sd * z_s)[:, None, None]
+        apart = np.hypot(self.critical_sd, self.scene_sd)
+        critical = self.critical * np.exp(apart * z_s)[:, None, None]
         gain = self.gain * np.exp(self.gain_sd * z_g)[None, :, None]
         right = answer_rule(self.rule).share(scaling_d_prime(scaling, critical, gain))
         return np.asarray((1.0 - self.lapse) * right.mean(axis=(0, 1)) + 0.5 * self.lapse)
 
 
-def scaling_d_prime(scaling: Floats, critical: Floats | float, gain: Floats | float) -> Floats:
-    """Return d' of two stimuli that pool with `scaling`.
+@dataclass(frozen=True)
+class CriticalModel:
+    """Critical scalings of all conditions, fitted together, and their comparison.
 
-    d'^2 = gain^2 (1 - critical^2 / scaling^2) above the critical scaling, else 0: the squared
-    distance of the pooled responses grows as Freeman and Simoncelli 2011, equation 17, derive it.
-    Their equation 18, and Wallis et al. 2019 and Broderick et al. 2023 after it, puts that squared
-    distance in the place of d'; their critical scalings are smaller.
+    Attributes
+    ----------
+    fits : tuple of CriticalScaling
+        By condition.
+    contrasts : tuple of Difference
+        Of ln s_c, of conditions whose critical scaling the answers bound.
+    likelihood, theta, scene_sd
+        Answers, parameters, and deviations of scenes in all conditions and in one: what a study
+        like this one is simulated from.
     """
-    scaling = np.asarray(scaling, dtype=np.float64)
-    return np.asarray(gain * np.sqrt(np.maximum(1.0 - (critical / scaling) ** 2, 0.0)))
+
+    fits: tuple[CriticalScaling, ...]
+    contrasts: tuple[Difference, ...]
+    likelihood: CriticalLikelihood = field(repr=False)
+    theta: Floats = field(repr=False)
+    scene_sd: tuple[float, float] = (0.0, 0.0)
 
 
-def fit_alone(trials: pd.DataFrame, *, column: str, rule: str) -> tuple[float, float]:
-    """Return critical scaling and gain of one person, or of all answers as if they were one's.
+def critical_scalings(
+    trials: pd.DataFrame,
+    by: Sequence[str] = (),
+    *,
+    column: str = "scaling",
+    rule: str = "differencing",
+    reference: str | None = None,
+    level: float = 0.95,
+) -> CriticalModel:
+    """Fit critical scalings and gains of all conditions that vary between participants and scenes.
+
+    Parameters
+    ----------
+    trials : DataFrame, one row per decided ABX trial
+        ``participant``, `column` (the scaling, positive), ``correct`` (0/1), the columns `by`, and
+        ``scene``, if scenes were drawn from many.
+    reference : str, optional
+        Condition that the others are compared with; left out, all pairs.
+
+    Raises
+    ------
+    ValueError
+        If columns are missing, or there are fewer than two participants or scalings.
 
     Notes
     -----
-    Trials count as independent. The fit is penalised by wide normal laws of ln s_c and ln gain
-    (`PERSON_PRIOR_SD`) and the law of lapses (`response.RATE_PRIOR`).
+    ln s_c is the condition's, plus a participant's deviation in all conditions and one in this,
+    plus both of the scene; ln gain is the condition's plus the participant's deviation there. All
+    deviations are normal and have a prior (`SD_PRIOR`). Participants are summed over a grid
+    (`CriticalLikelihood`); scenes are parameters with a penalty, whose deviations are those of
+    restricted maximum likelihood by Laplace's method. Limits and tests: t on the second derivative
+    in all parameters, with degrees of freedom between those of participants and of scenes
+    (`contrasts.CrossedDesign`), because so many people and scenes tell the mean.
     """
-    rows, scalings = _prepare(trials, column)
-    right, shown = (one[0] for one in _counts(rows, scalings, column, np.zeros(len(rows), int)))
-    middle = np.log(np.sqrt(scalings.min() * scalings.max()))
-
-    def loss(theta: Floats) -> float:
-        rate = float(expit(theta[2]))
-        value = _log_likelihood(
-            scalings, right, shown, np.array(theta[0]), np.array(theta[1]), rate, rule
-        )
-        prior = -0.5 * ((theta[0] - middle) ** 2 + (theta[1] - np.log(5.0)) ** 2)
-        return float(-value - prior / PERSON_PRIOR_SD**2 - _lapse_prior(theta[2:]))
-
-    starts = [
-        np.array([np.log(s), np.log(g), -3.0])
-        for s in np.geomspace(0.5 * scalings.min(), 0.9 * scalings.max(), 6)
-        for g in (1.0, 3.0, 8.0)
-    ]
-    best = _polish(loss, sorted(starts, key=loss)[:3])
-    return float(np.exp(best[0])), float(np.exp(best[1]))
+    rows, scalings = _prepare(trials, column, by)
+    parts, condition = numbered(rows, by)
+    places, names = grid(rows), [name for name, _ in parts]
+    pairs = pairs_of(names, reference)
+    people = len(places.participants)
+    if people < 2:
+        raise ValueError(f"trials must hold two participants at least (found {people})")
+    scene, several, notes = places.scene, len(places.scenes) > 1, list[str]()
+    if several and len(places.scenes) * len(names) > MOST_SCENES:
+        several, scene = False, np.zeros_like(scene)
+        notes.append("so many scenes and conditions: critical scalings are about these scenes")
+    likelihood = _likelihood(rows, scalings, rule, (condition, places.person, scene))
+    theta, covariance, scene_sd = fit_scenes(likelihood, common=not one_condition(scene, condition))
+    at = Parameters.of(theta, len(names))
+    sd = {
+        "participant": at.sd[0] * likelihood.common,
+        "participant" + IN_CONDITION: at.sd[1],
+    }
+    groups = {"participant": places.person}
+    if several:
+        groups["scene"] = scene
+        sd |= {"scene": scene_sd[0], "scene" + IN_CONDITION: scene_sd[1]}
+    crossed = CrossedDesign.of(condition, groups, sd)
+    if people < FEW_PARTICIPANTS:
+        notes.append(f"only {count_of(people, 'participant')}: limits are a rough guide")
+    told = _Told(likelihood, theta, covariance, crossed, places, level, tuple(notes))
+    fits = tuple(told.condition(k, name) for k, name in enumerate(names))
+    known = {fit.condition for fit in fits if fit.critical_identified}
+    contrasts = wald(
+        "ln s_c", names, [pair for pair in pairs if known.issuperset(pair)], at.place,
+        covariance[: len(names), : len(names)], crossed=crossed, level=level,
+    )  # fmt: skip
+    return CriticalModel(fits, tuple(contrasts), likelihood, theta, scene_sd)
 
 
 def critical_scaling(
@@ -177,141 +234,85 @@ def critical_scaling(
     rule: str = "differencing",
     level: float = 0.95,
 ) -> CriticalScaling:
-    """Fit critical scaling and gain that vary between participants.
-
-    Parameters
-    ----------
-    trials : DataFrame, one row per decided ABX trial
-        ``participant``, `column` (the scaling, positive) and ``correct`` (0/1).
-
-    Raises
-    ------
-    ValueError
-        If columns are missing, or there are fewer than two participants or scalings.
-
-    Notes
-    -----
-    ln s_c and ln gain are normal over participants, independent of each other. The likelihood is
-    summed over a grid of both that stays where it is, so that it is smooth in all parameters
-    (one person's has a corner wherever s_c passes a scaling); deviations have a prior
-    (`SD_PRIOR`). Limits of the typical participant: t with participants - 1 on the second
-    derivative in all parameters.
-    """
-    rows, scalings = _prepare(trials, column)
-    places = grid(rows)
-    people = len(places.participants)
-    if people < 2:
-        raise ValueError(f"trials must hold two participants at least (found {people})")
-    right, shown = _counts(rows, scalings, column, places.person)
-    log_s = np.arange(np.log(scalings[0]) - BEYOND, np.log(scalings[-1]) + BEYOND, STEP_SCALING)
-    log_g = np.arange(np.log(GAINS[0]), np.log(GAINS[1]), STEP_GAIN)
-
-    @lru_cache(maxsize=1)  # derivatives in the other parameters ask for it again and again
-    def table(rate: float) -> Floats:
-        return _log_likelihood(scalings, right, shown, log_s[:, None], log_g[None, :], rate, rule)
-
-    def joint(theta: Floats) -> Floats:
-        rate = float(expit(theta[4]))
-        weight_s = _log_weights(log_s, theta[0], theta[2], STEP_SCALING)
-        weight_g = _log_weights(log_g, theta[1], theta[3], STEP_GAIN)
-        return table(rate) + weight_s[:, None] + weight_g[None, :]
-
-    def loss(theta: Floats) -> float:
-        likelihood = float(logsumexp(joint(theta).reshape(people, -1), axis=1).sum())
-        sd = np.maximum(np.abs(theta[2:4]), 1e-9)
-        prior = float(np.sum(np.log(sd) - 0.5 * (sd / SD_PRIOR) ** 2))
-        return -likelihood - prior - _lapse_prior(theta[4:])
-
-    alone, gain = fit_alone(rows, column=column, rule=rule)
-    start = np.array([np.log(alone), np.log(gain), 0.25, 0.25, -3.0])
-    best = np.asarray(scipy.optimize.minimize(loss, start, method="BFGS", options={"gtol": 1e-4}).x)
-    limits = _limits(loss, best, float(two_sided_quantile(level, people - 1)))
-    values = joint(best)
-    mass = np.exp(values - values.max(axis=(1, 2), keepdims=True))
-    mass /= mass.sum(axis=(1, 2), keepdims=True)
-    own_s, own_g = mass.sum(axis=2) @ log_s, mass.sum(axis=1) @ log_g
-    notes = _notes(float(np.exp(best[0])), float(np.exp(best[1])), scalings)
-    if people < FEW_PARTICIPANTS:
-        notes.append(f"only {count_of(people, 'participant')}: limits are a rough guide")
-    if limits is None:
-        notes.append("the answers do not bound the model: no limits")
-    return CriticalScaling(
-        condition="all",
-        critical=float(np.exp(best[0])),
-        critical_limits=limits and limits[0],
-        gain=float(np.exp(best[1])),
-        gain_limits=limits and limits[1],
-        critical_sd=float(abs(best[2])),
-        gain_sd=float(abs(best[3])),
-        lapse=float(expit(best[4])),
-        rule=rule,
-        law="distance",
-        level=level,
-        log_likelihood=-loss(best),
-        trials=len(rows),
-        participants=people,
-        individual={
-            who: (float(np.exp(own_s[i])), float(np.exp(own_g[i])))
-            for i, who in enumerate(places.participants)
-        },
-        warnings=tuple(notes),
-    )
+    """Fit one condition; see `critical_scalings`."""
+    return critical_scalings(trials, column=column, rule=rule, level=level).fits[0]
 
 
-def _limits(
-    loss: Callable[[Floats], float], best: Floats, quantile: float
-) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Return the limits of critical scaling and gain; None where the answers do not bound them."""
-    hessian = numeric_hessian(loss, best, step=1e-3)
-    if not np.all(np.isfinite(hessian)) or np.linalg.eigvalsh(hessian)[0] <= 1e-6:
-        return None
-    reach = quantile * np.sqrt(np.diag(np.linalg.inv(hessian)))
-    # Where the answers hardly bound a logarithm, its limit exceeds every float: infinite.
-    with np.errstate(over="ignore", under="ignore"):
-        critical, gain = (
-            (float(np.exp(best[k] - reach[k])), float(np.exp(best[k] + reach[k]))) for k in (0, 1)
+@dataclass(frozen=True)
+class _Told:
+    """Parameters, and how well they are known, as results by condition."""
+
+    likelihood: CriticalLikelihood
+    theta: Floats
+    covariance: Floats
+    crossed: CrossedDesign
+    places: TrialGrid
+    level: float
+    notes: tuple[str, ...]
+
+    def condition(self, k: int, name: str) -> CriticalScaling:
+        """Return one condition's."""
+        model = self.likelihood
+        at = Parameters.of(self.theta, len(model.right))
+        shown = model.shown[k]
+        seen, people = shown.sum(axis=(1, 2)) > 0, int((shown.sum(axis=(1, 2)) > 0).sum())
+        unit = np.eye(len(at.place))[k]
+        df = self.crossed.df(unit, float(self.covariance[k, k]))
+        critical = self._limits({k: 1.0}, df)
+        gain = self._limits({len(unit) + k: 1.0}, max(people - 1.0, 1.0))
+        middle = float(np.exp(at.place[k])), float(np.exp(at.gain[k]))
+        notes = list(self.notes)
+        if critical is None:
+            notes.append("the answers do not bound the model: no limits")
+        scalings = model.scalings[shown.sum(axis=(0, 1)) > 0]
+        own = np.exp(self._own[k])
+        sd = self.crossed.sd
+        scenes = {}
+        if "scene" in self.crossed.shares:
+            first = 2 * len(unit) + 4 + k * at.scenes.shape[1]
+            for j, scene in enumerate(self.places.scenes):
+                ends = self._limits({k: 1.0, first + j: 1.0}, df)
+                if ends is not None and shown[:, j].any():
+                    scenes[scene] = (float(np.exp(at.place[k] + at.scenes[k, j])), *ends)
+        return CriticalScaling(
+            condition=name,
+            critical=middle[0],
+            critical_limits=critical,
+            gain=middle[1],
+            gain_limits=gain,
+            critical_sd=math.hypot(sd["participant"], sd["participant" + IN_CONDITION]),
+            gain_sd=at.sd[2],
+            scene_sd=math.hypot(sd.get("scene", 0.0), sd.get("scene" + IN_CONDITION, 0.0)),
+            lapse=float(expit(at.lapse)),
+            rule=model.rule,
+            level=self.level,
+            trials=int(shown.sum()),
+            participants=people,
+            individual={
+                who: (float(own[i, 0]), float(own[i, 1]))
+                for i, who in enumerate(self.places.participants)
+                if seen[i]
+            },
+            scenes=scenes,
+            warnings=(*notes, *_notes(*middle, scalings)),
         )
-    return critical, gain
 
+    @cached_property
+    def _own(self) -> Floats:
+        return self.likelihood.own(self.theta)
 
-def critical_scalings(
-    trials: pd.DataFrame,
-    by: Sequence[str],
-    *,
-    column: str = "scaling",
-    rule: str = "differencing",
-    level: float = 0.95,
-) -> tuple[tuple[CriticalScaling, ...], tuple[Difference, ...]]:
-    """Fit every condition, and compare ln s_c between conditions by participants.
-
-    Notes
-    -----
-    The comparison is a paired t over participants of their own ln s_c (`fit_alone`), which
-    takes nothing for granted about how they vary. Conditions whose critical scaling the answers
-    do not bound are not compared.
-    """
-    rows = checked(trials, (column, "correct"), by)
-    fits, own = [], {}
-    for name, part in conditions(rows, by):
-        fit = critical_scaling(part, column=column, rule=rule, level=level)
-        own[name] = {
-            str(who): float(np.log(fit_alone(group, column=column, rule=rule)[0]))
-            for who, group in part.groupby("participant", sort=True)
-        }
-        alone = {who: float(np.exp(value)) for who, value in own[name].items()}
-        fits.append(replace(fit, condition=name, alone=alone))
-    placed = {fit.condition: own[fit.condition] for fit in fits if fit.critical_identified}
-    return tuple(fits), _paired(placed, level)
-
-
-def _paired(own: Mapping[str, Mapping[str, float]], level: float) -> tuple[Difference, ...]:
-    gaps = []
-    for first, second in pairs_of(own, None):
-        both = sorted(set(own[first]) & set(own[second]))
-        if len(both) > 1:
-            apart = np.array([own[first][who] - own[second][who] for who in both])
-            gaps.append(((first, second), apart))
-    return tuple(paired("ln s_c", gaps, level))
+    def _limits(self, weights: Mapping[int, float], df: float) -> tuple[float, float] | None:
+        """Return limits of the exponential of a sum; None where the answers do not bound it."""
+        sum_of = np.zeros(len(self.theta))
+        sum_of[list(weights)] = list(weights.values())
+        variance = float(sum_of @ self.covariance @ sum_of)
+        if not variance > 0.0:
+            return None
+        reach = float(two_sided_quantile(self.level, df)) * math.sqrt(variance)
+        # Where the answers hardly bound a logarithm, its limit exceeds every float: infinite.
+        with np.errstate(over="ignore", under="ignore"):
+            ends = np.exp(float(sum_of @ self.theta) + np.array([-reach, reach]))
+        return float(ends[0]), float(ends[1])
 
 
 def _bounded(limits: tuple[float, float] | None) -> bool:
@@ -319,70 +320,79 @@ def _bounded(limits: tuple[float, float] | None) -> bool:
     return limits is not None and limits[0] > 0 and limits[1] < UNBOUNDED * limits[0]
 
 
-def _prepare(trials: pd.DataFrame, column: str) -> tuple[pd.DataFrame, Floats]:
-    rows = checked(trials, (column, "correct"))
+def _prepare(trials: pd.DataFrame, column: str, by: Sequence[str]) -> tuple[pd.DataFrame, Floats]:
+    rows = checked(trials, (column, "correct"), by)
     values = pd.to_numeric(rows[column], errors="coerce").to_numpy(dtype=np.float64)
     if not np.all(np.isfinite(values)) or np.any(values <= 0):
         raise ValueError(f"column {column!r} must hold positive numbers, in every row")
     scalings = np.unique(values)
     if scalings.size < 2:
         raise ValueError(f"column {column!r} must hold two scalings at least (found {scalings})")
-    return rows.assign(**{column: values}), scalings
+    return rows.assign(**{SCALING: values}), scalings
 
 
-def _counts(rows: pd.DataFrame, scalings: Floats, column: str, person: Ints) -> Floats:
-    """Return right answers and trials (2, participants, scalings)."""
-    counts = np.zeros((2, int(person.max()) + 1, scalings.size))
-    at = (person, np.searchsorted(scalings, rows[column].to_numpy(dtype=np.float64)))
+def _likelihood(
+    rows: pd.DataFrame, scalings: Floats, rule: str, codes: tuple[Ints, Ints, Ints]
+) -> CriticalLikelihood:
+    """Count answers; codes (trials,) of conditions, participants and scenes."""
+    counts = np.zeros((2, *(int(code.max()) + 1 for code in codes), scalings.size))
+    at = (*codes, np.searchsorted(scalings, rows[SCALING].to_numpy(dtype=np.float64)))
     np.add.at(counts[0], at, rows["correct"].to_numpy(dtype=np.float64))
     np.add.at(counts[1], at, 1.0)
-    return counts
-
-
-def _log_likelihood(
-    scalings: Floats,
-    right: Floats,
-    shown: Floats,
-    log_s: Floats,
-    log_g: Floats,
-    lapse: float,
-    rule: str,
-) -> Floats:
-    """Return log-likelihoods (..., nodes of log_s and log_g) of counts (..., scalings)."""
-    d = scaling_d_prime(
-        scalings, np.exp(log_s)[..., None], np.exp(np.minimum(log_g, 4.0))[..., None]
-    )
-    share = (1.0 - lapse) * answer_rule(rule).share(d) + 0.5 * lapse
-    share = np.minimum(np.maximum(share, 1e-12), 1.0 - 1e-12)  # `np.clip` takes twice as long
-    yes, no = np.log(share), np.log1p(-share)
-    return np.asarray(
-        np.tensordot(right, yes, (-1, -1)) + np.tensordot(shown - right, no, (-1, -1)),
-        dtype=np.float64,
+    return CriticalLikelihood(
+        counts[0], counts[1], scalings, rule, common=not one_condition(codes[1], codes[0])
     )
 
 
-def _log_weights(points: Floats, mean: float, sd: float, step: float) -> Floats:
-    """Return the log of a normal law on a grid; never narrower than the grid can show."""
-    log = -0.5 * (points - mean) ** 2 / (sd**2 + step**2)
-    return np.asarray(log - logsumexp(log))
+def critical_misfits(
+    model: CriticalModel, rng: np.random.Generator
+) -> tuple[tuple[Misfit, ...], Floats]:
+    """Compare answers with studies that the fitted model simulates.
+
+    Returns
+    -------
+    misfits : tuple of Misfit
+        Of each condition.
+    predicted : ndarray (conditions, participants, scalings)
+        Chance of a right answer.
+
+    Notes
+    -----
+    A parametric bootstrap as `goodness_of_fit.misfits`: people, scenes and answers are drawn from
+    the model, and each participant's critical scaling and gain are fitted anew.
+    """
+    likelihood, names = model.likelihood, [fit.condition for fit in model.fits]
+    at = Parameters.of(model.theta, len(names))
+    shown = likelihood.shown.sum(axis=2)
+    right = likelihood.right.sum(axis=2)
+    studies = studies_of(int((likelihood.shown > 0).sum()))
+    drawn = np.array([_drawn(model, at, rng) for _ in range(studies)])
+    predicted = likelihood.alike.expected(at, right[None])
+    expected = likelihood.alike.expected(at, drawn)
+    found = []
+    for k, name in enumerate(names):
+        cells = shown[k] > 0
+        levels = np.broadcast_to(likelihood.scalings, cells.shape)[cells]
+        told = [one[:, k][:, cells] for one in (right[None], predicted, drawn, expected)]
+        found.append(misfit(name, levels, shown[k][cells], *told))
+    return adjusted(found), predicted[0]
 
 
-def _lapse_prior(free: Floats) -> float:
-    return float(np.sum(RATE_PRIOR[0] * log_expit(free) + RATE_PRIOR[1] * log_expit(-free)))
-
-
-def _polish(loss: Callable[[Floats], float], starts: Sequence[Floats]) -> Floats:
-    rough = [
-        scipy.optimize.minimize(
-            loss, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-5}
-        )
-        for start in starts
-    ]
-    best = min(rough, key=lambda one: float(one.fun))
-    sharp = scipy.optimize.minimize(
-        loss, best.x, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-9}
-    )
-    return np.asarray(sharp.x, dtype=np.float64)
+def _drawn(model: CriticalModel, at: Parameters, rng: np.random.Generator) -> Floats:
+    """Return right answers of a study of the model (conditions, participants, scalings)."""
+    shown = model.likelihood.shown
+    conditions, people, scenes, _ = shown.shape
+    common = model.likelihood.common * at.sd[0] * rng.standard_normal((1, people))
+    apart = common + at.sd[1] * rng.standard_normal((conditions, people))
+    common = model.scene_sd[0] * rng.standard_normal((1, scenes))
+    own = common + model.scene_sd[1] * rng.standard_normal((conditions, scenes))
+    gain = at.gain[:, None] + at.sd[2] * rng.standard_normal((conditions, people))
+    critical = np.exp(at.place[:, None, None] + apart[:, :, None] + own[:, None])[..., None]
+    d_prime = scaling_d_prime(model.likelihood.scalings, critical, np.exp(gain)[..., None, None])
+    lapse = float(expit(at.lapse))
+    share = (1.0 - lapse) * answer_rule(model.likelihood.rule).share(d_prime) + 0.5 * lapse
+    drawn = rng.binomial(shown.astype(np.int64), share).sum(axis=2)
+    return np.asarray(drawn, dtype=np.float64)
 
 
 def _notes(critical: float, gain: float, scalings: Floats) -> list[str]:

@@ -30,8 +30,8 @@ class PlannedTests:
     Attributes
     ----------
     differences : tuple of Difference
-        Of d' (yes-no), of shares of right answers, or of thresholds where levels were chosen from
-        the answers.
+        Of d' (yes-no), of shares of right answers, of ln critical scaling in a study of scalings,
+        or of thresholds where other levels were chosen from the answers.
     instead : tuple of Rate
         Right answers, where nothing is compared.
     """
@@ -46,7 +46,7 @@ class ComparisonsPart(Part[RatePlan, PlannedTests]):
 
     name: ClassVar[str] = "comparisons"
     section: ClassVar[tuple[str, str]] = ("sensitivity", "Sensitivity")
-    needs: ClassVar[tuple[str, ...]] = ("rates", "sensitivity", "thresholds")
+    needs: ClassVar[tuple[str, ...]] = ("rates", "sensitivity", "thresholds", "critical")
 
     def compute(
         self, table: pd.DataFrame, plan: RatePlan, found: PartNumbers, _chance: Generator
@@ -54,7 +54,9 @@ class ComparisonsPart(Part[RatePlan, PlannedTests]):
         """Choose what the study compares."""
         notes = []
         differences: tuple[Difference, ...] = ()
-        if plan.adaptive:
+        if plan.by_scaling:
+            differences = found["critical"].contrasts if "critical" in found else ()
+        elif plan.adaptive:
             differences = found["thresholds"].contrasts if "thresholds" in found else ()
             notes.append(
                 "levels were chosen from the answers: shares of right answers and d' are the rule's"
@@ -64,7 +66,8 @@ class ComparisonsPart(Part[RatePlan, PlannedTests]):
             differences = found["sensitivity"].planned
         # Of a yes-no task d' decides, which its own part gives.
         instead = () if differences or plan.kind == "detection" else found["rates"].conditions
-        if not plan.adaptive and (differences or len(instead) == 1):
+        held = not plan.adaptive and not (plan.by_scaling and differences)
+        if held and (differences or len(instead) == 1):
             people = table["participant"].nunique()
             notes += planned_family(len(differences), plan).hopeless(people, plan.alpha)
         return PlannedTests(differences, instead, tuple(notes))

@@ -26,6 +26,7 @@ from analysis.parts.shared import (
     difference_tables,
     in_order,
     law_of_mixed,
+    like_these,
     pairs_in,
 )
 from analysis.plans.rate_plan import RatePlan, shown_in
@@ -263,8 +264,8 @@ class CurvesPart(LevelsPart[Curves]):
         )
         told = Paragraph(
             "Threshold: where half of the way from guessing to lapsing is done. Width: from 5 to"
-            f" 95 % of that way. Shape: {SHAPES[plan.shape]}. These limits speak of answers,"
-            " not of people; the next table's do.",
+            f" 95 % of that way. Shape: {SHAPES[plan.shape]}. These limits speak of these"
+            " people's answers; the next table's of people like these.",
             muted=True,
         )
         guess = "a guess rate of chance" if plan.guess is not None else "a free guess rate"
@@ -426,18 +427,23 @@ class ThresholdsPart(LevelsPart[Thresholds]):
             *threshold_columns(placed, plan.limits, logarithmic=found.logarithmic),
         )
         differing = "natural logarithms of thresholds" if found.logarithmic else "thresholds"
-        lapses = f"Mean lapse rate of participants {share(found.lapse)}{_spread(found, '; {}')}."
+        lapses = (
+            f"Limits speak of {like_these(scenes=bool(found.scene_sd))}. Mean lapse rate of"
+            f" participants {share(found.lapse)}{_spread(found, '; {}')}."
+        )
         people = _people(found, plan)
         told = plan.by_threshold
         title = f"Differences of {differing}"
         differences = difference_tables(title, found.contrasts, plan, told=told)
         files = difference_table(found.contrasts, plan, told=told).every_field(kind=Difference)
         said = tuple(apa_difference(one, plan) for one in found.contrasts)
+        of_all = "right answers of all levels together"
+        if plan.by_scaling:
+            of_all = "critical scalings, whose law is that of pools"
         beside = Folded(
             title,
-            "The study compares right answers of all levels together. Thresholds compare the same"
-            " answers by the level that is needed; they are the result where levels are the"
-            " question.",
+            f"The study compares {of_all}. Thresholds compare the same answers by the level that is"
+            " needed; they are the result where levels are the question.",
             (*differences, CopyText(said)),
         )
         known = apa_thresholds(found, levels=shown)

@@ -608,13 +608,15 @@ class DiscriminationPart(SimplePart[RatePlan, ChoiceSensitivity]):
             limits(plan.limits),
             replace(deciding("correct.p", "correct_p"), text=None),
         )
-        told = not plan.by_threshold
+        told = not (plan.by_threshold or plan.by_scaling)
         title = "Differences of shares of right answers"
         differences = difference_tables(title, found.contrasts, plan, told=told)
         files = difference_table(found.contrasts, plan, told=told).every_field(kind=Difference)
         beside = Folded(
             title,
-            "Levels were chosen from the answers: thresholds compare, shares do not.",
+            "Critical scalings compare; shares also depend on the scalings that were shown."
+            if plan.by_scaling
+            else "Levels were chosen from the answers: thresholds compare, shares do not.",
             differences,
         )
         caption = f"Sensitivity d' by condition with {plan.limits}."

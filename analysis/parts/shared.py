@@ -168,6 +168,11 @@ def law_of_mixed(*, scenes: bool) -> str:
     return f"t with degrees of freedom {df}"
 
 
+def like_these(*, scenes: bool) -> str:
+    """Return the people and scenes that limits speak of; `scenes`: these were drawn from many."""
+    return f"people like these and {'scenes like these' if scenes else 'these scenes'}"
+
+
 @dataclass(frozen=True)
 class GroupedRow(Generic[G, T]):
     """A row of a table of groups; the group is named in its first row."""

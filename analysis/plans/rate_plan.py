@@ -11,7 +11,7 @@ from analysis.parts import AnalysisPlan, SectionKey
 from analysis.plans.table_sections import RateTableSection, check_contrasts
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.section import AdaptiveLevels
-from protocols.answer_rules import AnswerRule, answer_rule
+from protocols.answer_rules import AnswerRule, EqualSigns, answer_rule
 from protocols.errors import StudyError, count_of, did_you_mean
 from protocols.study_file.schema import StudyProtocol
 from protocols.tasks.rates import BETWEEN, TAKEN, RatesAnalysis, name_of
@@ -63,12 +63,19 @@ class RatePlan(AnalysisPlan):
     @property
     def by_threshold(self) -> bool:
         """True if thresholds decide whether conditions differ, and shares of right answers not."""
-        return self.adaptive
+        return self.adaptive and not self.by_scaling
 
     @property
     def answer_rule(self) -> AnswerRule:
         """Share of right answers of an unbiased observer by d', and back."""
         return answer_rule(self.rule, self.alternatives)
+
+    @property
+    def by_scaling(self) -> bool:
+        """True if the level is how much two stimuli pool, whose critical scalings are compared."""
+        return (
+            self.level is not None and not self.falling and isinstance(self.answer_rule, EqualSigns)
+        )
 
     @property
     def logarithmic(self) -> bool:

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from analysis.models.critical_scaling import scaling_d_prime
+from analysis.models.curves.critical_likelihood import scaling_d_prime
 from analysis.models.psychometric import Shape, sigmoid
 from protocols.answer_rules import answer_rule
 

@@ -93,16 +93,15 @@ def misfits(
     counts = _Counts.of(trials, level_column, conditions, population)
     right = counts.in_cells(counts.in_rows(trials["correct"].to_numpy(np.float64))[None])
     predicted = counts.predicted(right)
-    studies = int(np.clip(MOST_COUNTS // counts.eta.size, *STUDIES))
-    drawn = counts.simulated(studies, rng)
+    drawn = counts.simulated(studies_of(counts.eta.size), rng)
     expected = counts.predicted(drawn)
     found = []
     for k, name in enumerate(population.names):
         own = counts.condition[counts.row_of_cell] == k
         levels, shown = counts.level[counts.row_of_cell][own], counts.shown_in_cells[own]
         told = [one[:, own] for one in (right, predicted, drawn, expected)]
-        found.append(_misfit(name, levels, shown, *told))
-    return _adjusted(found), predicted[0][counts.cell][counts.row]
+        found.append(misfit(name, levels, shown, *told))
+    return adjusted(found), predicted[0][counts.cell][counts.row]
 
 
 def curve_misfits(
@@ -129,8 +128,8 @@ def curve_misfits(
         share = np.broadcast_to(np.clip(fit(levels), 1e-9, 1.0 - 1e-9), (STUDIES[1], levels.size))
         drawn = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
         expected = _refitted(fit, levels, drawn, shown, guess)
-        found.append(_misfit(name, levels, shown, right[None], share[:1], drawn, expected))
-    return _adjusted(found)
+        found.append(misfit(name, levels, shown, right[None], share[:1], drawn, expected))
+    return adjusted(found)
 
 
 def _refitted(
@@ -185,7 +184,12 @@ def _refitted(
     return share
 
 
-def _misfit(
+def studies_of(counts: int) -> int:
+    """Return how many studies of so many counts each are simulated."""
+    return int(np.clip(MOST_COUNTS // counts, *STUDIES))
+
+
+def misfit(
     name: str,
     levels: Floats,
     shown: Floats,
@@ -217,7 +221,8 @@ def _misfit(
     )
 
 
-def _adjusted(found: Sequence[Misfit]) -> tuple[Misfit, ...]:
+def adjusted(found: Sequence[Misfit]) -> tuple[Misfit, ...]:
+    """Return misfits of all conditions with Holm's p."""
     p = holm(np.array([[one.p for one in found], [one.level_p for one in found]]))
     return tuple(
         replace(one, p_adjusted=float(whole), level_p_adjusted=float(by_level))

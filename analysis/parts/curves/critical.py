@@ -1,21 +1,29 @@
 """Critical scaling: how much may change before an ABX observer can tell."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import ClassVar
 
 import pandas as pd
 
 from analysis.models.contrasts import Difference
-from analysis.models.critical_scaling import CriticalScaling, critical_scalings
-from analysis.parts import PartFigure, Presentation, SimplePart
+from analysis.models.critical_scaling import CriticalModel, CriticalScaling, critical_scalings
+from analysis.parts import Estimate, PartFigure, Presentation, SimplePart
 from analysis.parts.levels import SECTION, TRUST, Counts, counts_in, levels_axis
-from analysis.parts.shared import condition, difference_tables, in_order
-from analysis.plans.rate_plan import RatePlan
+from analysis.parts.shared import (
+    apa_difference,
+    condition,
+    difference_estimates,
+    difference_table,
+    difference_tables,
+    in_order,
+    law_of_mixed,
+    like_these,
+)
+from analysis.plans.rate_plan import RatePlan, baseline_in
 from analysis.plots import scaling_plot
 from analysis.report.result_table import ResultColumn, ResultTable, attribute
-from analysis.report.values import frame_of
 from analysis.report.wording import (
     NONE,
     NOT_IDENTIFIED,
@@ -26,17 +34,15 @@ from analysis.report.wording import (
     size,
     size_range,
 )
-from protocols.blocks import Block, Box, Cautions, FigurePlace, Heading, Paragraph
+from protocols.blocks import Block, Box, Cautions, FigurePlace, Heading, Paragraph, TableBlock
 from protocols.errors import count_of
 
 
 @dataclass(frozen=True)
-class CriticalScalings:
+class CriticalScalings(CriticalModel):
     """Every number; `counts` as d' of all answers is drawn beside the fits."""
 
-    fits: tuple[CriticalScaling, ...]
-    contrasts: tuple[Difference, ...]
-    counts: Mapping[str, Counts]
+    counts: Mapping[str, Counts] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
 
@@ -48,22 +54,40 @@ class CriticalPart(SimplePart[RatePlan, CriticalScalings]):
 
     def wanted(self, _table: pd.DataFrame, plan: RatePlan) -> bool:
         """Return True if there is a level along which answers get better."""
-        return plan.level is not None and not plan.falling
+        return plan.by_scaling
 
     def of(self, table: pd.DataFrame, plan: RatePlan) -> CriticalScalings:
         """Fit every condition."""
         column = str(plan.level)
         if (pd.to_numeric(table[column]) <= 0).any():
             raise ValueError(f"{column} is not positive everywhere")
-        fits, compared = critical_scalings(
-            table, plan.compared, column=column, rule=plan.rule, level=plan.confidence
+        found = critical_scalings(
+            table,
+            plan.compared,
+            column=column,
+            rule=plan.rule,
+            reference=baseline_in(table, plan),
+            level=plan.confidence,
         )
-        ordered = in_order(fits, plan, lambda one: one.condition)
-        return CriticalScalings(ordered, compared, counts_in(table, plan))
+        ordered = replace(
+            found,
+            fits=in_order(found.fits, plan, lambda one: one.condition),
+            contrasts=in_order(found.contrasts, plan, lambda one: one.first),
+        )
+        names = [one.condition for one in ordered.fits if not one.critical_identified]
+        notes = (f"critical {column} of {', '.join(names)}: {NOT_IDENTIFIED}; not compared",)
+        return CriticalScalings(
+            **vars(ordered), counts=counts_in(table, plan), notes=notes * bool(names)
+        )
+
+    def estimates(self, found: CriticalScalings, plan: RatePlan) -> Sequence[Estimate]:
+        """Return differences of ln s_c."""
+        trials = {one.condition: one.trials for one in found.fits}
+        return difference_estimates(found.contrasts, trials, plan)
 
     def show(self, found: CriticalScalings, plan: RatePlan) -> Presentation:
-        """Return critical scalings and gains, differences, and each participant's own."""
-        fits = found.fits
+        """Return critical scalings and gains, differences, each scene's and each participant's."""
+        fits, whom = found.fits, like_these(scenes=_over_scenes(found))
         table = _table(fits, plan)
         draw = partial(
             scaling_plot,
@@ -75,57 +99,66 @@ class CriticalPart(SimplePart[RatePlan, CriticalScalings]):
         caption = (
             f"d' by {plan.level}: data with standard errors (points), the population's fit"
             " (curves); below, critical scalings of the typical participant with"
-            f" {plan.limits}, where these data identify them."
+            f" {plan.limits} of {whom}, where these data identify them."
         )
+        compared = tuple(apa_difference(one, plan) for one in found.contrasts)
         return Presentation(
-            lead=_lead(fits, plan),
+            lead=_lead(fits, plan, whom),
+            headline=" ".join((f"Critical {plan.level}:", *_said(fits, plan), *compared)),
             blocks=(
                 Heading("Critical scaling"),
                 FigurePlace("scaling"),
                 table.block(),
                 Paragraph(
                     "Of the typical participant. d' is 0 up to the critical scaling s and rises"
-                    f" towards the gain above it ({fits[0].law} law).",
+                    f" towards the gain above it. Limits speak of {whom}.",
                     muted=True,
                 ),
-                *_people(fits, plan),
                 *difference_tables(
-                    "Differences of the logarithm of critical scalings, paired over participants",
+                    "Differences of the logarithm of critical scalings, in one model of all;"
+                    f" of {whom}",
                     found.contrasts,
                     plan,
                 ),
-                *((_NOISY,) if found.contrasts else ()),
+                *_scenes(fits, plan),
+                *_people(fits, plan),
                 Cautions.each(TRUST, fits, lambda one: plan.label(one.condition)),
             ),
-            sentences=tuple(map(apa_critical, fits)),
+            sentences=(*map(apa_critical, fits), *compared),
             methods=(
-                "Critical scalings were fitted to the answers with critical scaling and gain random"
-                " over participants."
+                "Critical scalings of all conditions were fitted to the answers in one model, with"
+                " critical scaling random over participants"
+                f"{' and scenes' * _over_scenes(found)}, also within conditions, and gain random"
+                " over participants. Differences are those of its means of ln s_c; limits and"
+                f" tests are {law_of_mixed(scenes=_over_scenes(found))}."
             ),
             tables={
                 "critical.csv": table.every_field(),
-                "critical_differences.csv": frame_of(found.contrasts, Difference),
+                "critical_scenes.csv": _scene_lines(fits),
+                "critical_differences.csv": difference_table(found.contrasts, plan).every_field(
+                    kind=Difference
+                ),
             },
             figures=(PartFigure("scaling", caption, draw),),
         )
 
 
-_NOISY = Paragraph(
-    "Differences are means of each participant's own fit. With few trials of each these fits are"
-    " noisy, and their mean can differ from the typical participant's critical scalings above, even"
-    " in sign.",
-    muted=True,
-)
+def _over_scenes(found: CriticalScalings) -> bool:
+    return any(one.scenes for one in found.fits)
 
 
-def _lead(fits: Sequence[CriticalScaling], plan: RatePlan) -> tuple[Block, ...]:
-    said = [
+def _said(fits: Sequence[CriticalScaling], plan: RatePlan) -> list[str]:
+    return [
         f"{plan.label(one.condition)}: {size(one.critical, within=one.critical_limits)}"
         f" {size_range(one.critical_limits)}."
         for one in fits
         if one.critical_identified
     ]
-    told = f"Up to it the typical participant has d' = 0; {level_text(plan.confidence)}."
+
+
+def _lead(fits: Sequence[CriticalScaling], plan: RatePlan, whom: str) -> tuple[Block, ...]:
+    said = _said(fits, plan)
+    told = f"Up to it the typical participant has d' = 0; {level_text(plan.confidence)} of {whom}."
     return (Box(f"Critical {plan.level}", " ".join(said), told),) if said else ()
 
 
@@ -154,33 +187,71 @@ def _table(fits: Sequence[CriticalScaling], plan: RatePlan) -> ResultTable[Criti
         ),
         known("Limits", "n", "gain", lambda one: size_range(one.gain_limits)),
         known("SD of ln s", "", "critical", lambda one: number(one.critical_sd)),
+        known("of scenes", "", "critical", lambda one: number(one.scene_sd)),
         attribute("Lapse rate", "lapse", share),
     )
 
 
 def _people(fits: Sequence[CriticalScaling], plan: RatePlan) -> tuple[Block, ...]:
-    def column(one: CriticalScaling) -> ResultColumn[str]:
-        return ResultColumn(plan.label(one.condition), "n", partial(_own, one))
-
     who = sorted({who for one in fits for who in one.individual})
-    participant = ResultColumn[str]("Participant", "l", str)
-    columns = (participant, *map(column, fits))
     return (
-        ResultTable("Participants' critical scalings", who, columns).block(),
+        _each("Participant", "Participants' critical scalings", who, _own, fits, plan),
         Paragraph(
-            "Each is drawn towards the typical one as far as the participant's answers leave open;"
-            " in brackets: fitted to these answers alone.",
+            "Each is drawn towards the typical one as far as the participant's answers leave open.",
             muted=True,
         ),
     )
 
 
+def _scenes(fits: Sequence[CriticalScaling], plan: RatePlan) -> tuple[Block, ...]:
+    scenes = sorted({scene for one in fits for scene in one.scenes})
+    if not scenes:
+        return ()
+    return (
+        _each("Scene", f"Critical scalings by scene, {plan.limits}", scenes, _there, fits, plan),
+        Paragraph(
+            "Of the typical participant at this scene, drawn towards the typical scene as far as"
+            " its answers leave open; limits speak of people like these.",
+            muted=True,
+        ),
+    )
+
+
+def _each(
+    title: str,
+    caption: str,
+    names: Sequence[str],
+    text: Callable[[CriticalScaling, str], str],
+    fits: Sequence[CriticalScaling],
+    plan: RatePlan,
+) -> TableBlock:
+    """Return a table of people or of scenes, by condition."""
+    columns = [ResultColumn(plan.label(one.condition), "n", partial(text, one)) for one in fits]
+    return ResultTable(caption, names, (ResultColumn[str](title, "l", str), *columns)).block()
+
+
 def _own(one: CriticalScaling, who: str) -> str:
     if who not in one.individual or not one.critical_identified:
         return NONE
-    ends = one.critical_limits
-    alone = f" ({size(one.alone[who], within=ends)})" if who in one.alone else ""
-    return f"{size(one.individual[who][0], within=ends)}{alone}"
+    return size(one.individual[who][0], within=one.critical_limits)
+
+
+def _there(one: CriticalScaling, scene: str) -> str:
+    if scene not in one.scenes or not one.critical_identified:
+        return NONE
+    value, *ends = one.scenes[scene]
+    return f"{size(value, within=(ends[0], ends[1]))} {size_range((ends[0], ends[1]))}"
+
+
+def _scene_lines(fits: Sequence[CriticalScaling]) -> pd.DataFrame:
+    """Return critical scalings of scenes, one a row; none that is not identified."""
+    lines = [
+        {"condition": one.condition, "scene": scene, "critical": value, "lower": low, "upper": high}
+        for one in fits
+        if one.critical_identified
+        for scene, (value, low, high) in one.scenes.items()
+    ]
+    return pd.DataFrame(lines, columns=["condition", "scene", "critical", "lower", "upper"])
 
 
 def apa_critical(fit: CriticalScaling) -> str:
@@ -195,6 +266,7 @@ def apa_critical(fit: CriticalScaling) -> str:
 
     spreads = (
         ("ln s_c", fit.critical_sd, fit.critical_identified),
+        ("ln s_c over scenes", fit.scene_sd, fit.critical_identified and fit.scene_sd > 0.0),
         ("ln gain", fit.gain_sd, fit.gain_identified),
     )
     said = [f"of {name} = {number(sd)}" for name, sd, known in spreads if known]

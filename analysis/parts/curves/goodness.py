@@ -3,12 +3,15 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
+from analysis.arrays import Floats
+from analysis.models.cells import grid
+from analysis.models.critical_scaling import CriticalModel, critical_misfits
 from analysis.models.curves.goodness_of_fit import Misfit, curve_misfits, misfits
 from analysis.models.numeric import ROUNDING
 from analysis.models.trends import Course, Trend, course, trend
@@ -67,7 +70,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
 
     name: ClassVar[str] = "goodness"
     section: ClassVar[tuple[str, str]] = SECTION
-    needs: ClassVar[tuple[str, ...]] = ("thresholds", "curves")
+    needs: ClassVar[tuple[str, ...]] = ("thresholds", "curves", "critical")
 
     def wanted(self, _table: pd.DataFrame, plan: RatePlan) -> bool:
         """Return True if there is a level."""
@@ -79,7 +82,10 @@ class GoodnessPart(Part[RatePlan, Goodness]):
         """Simulate studies of the model, and compare."""
         model, over, drawn, notes = found.get("thresholds"), None, None, []
         level = str(plan.level)
-        if model is not None and model.population.proper:
+        critical = found.get("critical")
+        if critical is not None:
+            each, predicted = _of_scalings(critical, table, plan, chance)
+        elif model is not None and model.population.proper:
             each, predicted = misfits(table, level, table["condition"], model.population, chance)
         else:
             each, predicted = _of_curves(found.get("curves"), table, plan, chance)
@@ -96,7 +102,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
             misfits=in_order(each, plan, lambda one: one.condition),
             trend=over,
             course=drawn,
-            of_people=model is not None and model.population.proper,
+            of_people=critical is not None or (model is not None and model.population.proper),
             notes=tuple(notes),
         )
 
@@ -207,9 +213,27 @@ def _sentences(found: Goodness, plan: RatePlan) -> Iterator[str]:
         )
 
 
+def _of_scalings(
+    model: CriticalModel, table: pd.DataFrame, plan: RatePlan, chance: np.random.Generator
+) -> tuple[tuple[Misfit, ...], Floats]:
+    """Return the distance of answers from the model of critical scalings, and the chance of each.
+
+    These, and not the general curves, are what a study of scalings is about.
+    """
+    each, shares = critical_misfits(model, chance)
+    names = sorted(fit.condition for fit in model.fits)
+    levels = pd.to_numeric(table[str(plan.level)]).to_numpy(dtype=np.float64)
+    predicted = shares[
+        np.searchsorted(names, table["condition"].astype(str)),
+        grid(table).person,
+        np.searchsorted(model.likelihood.scalings, levels),
+    ]
+    return each, predicted
+
+
 def _of_curves(
     curves: Curves | None, table: pd.DataFrame, plan: RatePlan, chance: np.random.Generator
-) -> tuple[tuple[Misfit, ...], np.ndarray[Any, np.dtype[np.float64]]]:
+) -> tuple[tuple[Misfit, ...], Floats]:
     """Return the distance of the curves of all answers from these, and the chance of each trial.
 
     Raises

@@ -129,8 +129,8 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                 table.block(),
                 Paragraph(
                     "Medians of a posterior with priors on lapses, guesses and on answers that vary"
-                    " more than chance (Schütt et al., 2016). Spread: how far the true share at a"
-                    " level strays.",
+                    " more than chance (Schütt et al., 2016). Limits speak of that participant's"
+                    " curve alone. Spread: how far the true share at a level strays.",
                     muted=True,
                 ),
                 Cautions.each(

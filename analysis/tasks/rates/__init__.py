@@ -58,10 +58,10 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
     return (
         RatesPart(),
         *sensitivity,
+        *levels,
         CurvesPart(),
         ThresholdsPart(),
         GoodnessPart(),
-        *levels,
         ComparisonsPart(),
         RateInteraction(),
         ModelsPart(),
@@ -135,8 +135,9 @@ class RatesTask(TaskAnalysis[S, RatePlan]):
         return prepared(decisions, plan)
 
     def parts_of(self, plan: RatePlan) -> Sequence[AnyPart]:
-        """Return the parts; where levels were chosen from the answers, thresholds come first."""
-        return sorted(self.parts, key=lambda part: plan.adaptive and part.section != SECTION)
+        """Return the parts; those of levels first where these decide what is compared."""
+        first = plan.adaptive or plan.by_scaling
+        return sorted(self.parts, key=lambda part: first and part.section != SECTION)
 
     # Power.
 

@@ -88,17 +88,24 @@ def test_scenes_are_spoken_of_only_where_errors_respect_them(
 
 
 @pytest.mark.slow
-def test_differences_of_critical_scalings_say_that_they_are_of_peoples_own_fits(matched, tmp_path):
-    note = "Differences are means of each participant's own fit"
+def test_critical_scalings_decide_come_first_and_say_whom_they_speak_of(matched, tmp_path):
     design = TaskDesign(6, 3, 3)  # what people guess is not compared: another that they see
     other = simulate_abx(design, {"v2": 0.25}, np.random.default_rng(4), scalings=[0.1, 0.3, 0.8])
     both = pd.concat([matched, other]).drop(columns=["expected", "answer", "order"])
-    results, page, _ = told("abx", both, tmp_path, level="scaling")
-    assert results["critical"].contrasts
-    assert note in page
+    results, page, text = told("abx", both, tmp_path, level="scaling")
+    (gap,) = results["critical"].contrasts
 
-    _, alone, _ = told("abx", matched, tmp_path, level="scaling")
-    assert note not in alone
+    assert results["comparisons"].differences == (gap,)
+    assert gap.measure == "ln s_c"
+    assert set(results["critical"].fits[0].scenes) == set(both["scene"])
+    assert "Limits speak of people like these and scenes like these." in page
+    assert "Critical scalings by scene" in page
+    assert page.index("Critical scaling") < page.index("d' from shares of right answers")
+    assert "random over participants and scenes" in text
+
+    _, page, text = told("abx", both, tmp_path, level="scaling", test="participant")
+    assert "Limits speak of people like these and these scenes." in page
+    assert "Critical scalings by scene" not in page
 
 
 def test_a_critical_scaling_or_gain_that_is_not_bounded_is_no_number(matched):
@@ -202,8 +209,8 @@ def test_a_search_that_runs_away_does_not_overflow(shape, log_width):
 
 
 def test_limits_beyond_every_float_are_infinite_without_a_warning(matched, monkeypatch):
-    flat = 1.1e-6 * np.eye(5)
-    monkeypatch.setattr("analysis.models.critical_scaling.numeric_hessian", lambda *_, **__: flat)
+    flat = "analysis.models.curves.critical_likelihood._curvature"
+    monkeypatch.setattr(flat, lambda _, theta: 1e-6 * np.eye(theta.size))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fit = critical_scaling(matched)
