@@ -272,16 +272,6 @@ def wald(
     return _compared(measure, pairs, weights @ value, np.sqrt(variance), np.array(df), level)
 
 
-def paired(measure: str, gaps: Sequence[tuple[Pair, Floats]], level: float) -> list[Difference]:
-    """Compare conditions by participants' own differences."""
-    own = [values for _, values in gaps]
-    mean = np.array([values.mean() for values in own])
-    sd = np.array([values.std(ddof=1) for values in own])
-    count = np.array([values.size for values in own], dtype=np.float64)
-    pairs = [pair for pair, _ in gaps]
-    return _compared(measure, pairs, mean, sd / np.sqrt(count), count - 1.0, level)
-
-
 def _compared(
     measure: str, pairs: Sequence[Pair], gap: Floats, error: Floats, df: Floats, level: float
 ) -> list[Difference]:

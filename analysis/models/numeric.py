@@ -93,28 +93,6 @@ def tied(values: Floats) -> Floats:
     return same
 
 
-def numeric_hessian(
-    function: Callable[[Floats], float], point: Floats, step: float = STEP
-) -> Floats:
-    """Return second derivatives by central differences, steps relative to each value."""
-    size = point.size
-    steps = step * np.maximum(1.0, np.abs(point))
-    hessian = np.zeros((size, size))
-    centre = function(point)
-    for i in range(size):
-        for j in range(i, size):
-            up, down = np.zeros(size), np.zeros(size)
-            up[i], down[j] = steps[i], steps[j]
-            if i == j:
-                value = function(point + up) - 2.0 * centre + function(point - up)
-                hessian[i, i] = value / steps[i] ** 2
-                continue
-            value = function(point + up + down) - function(point + up - down)
-            value += function(point - up - down) - function(point - up + down)
-            hessian[i, j] = hessian[j, i] = value / (4.0 * steps[i] * steps[j])
-    return hessian
-
-
 def slope_hessian(function: Callable[[Floats], tuple[float, Floats]], point: Floats) -> Floats:
     """Return second derivatives of a function that gives its slope too, by central differences."""
     steps = np.diag(STEP * np.maximum(1.0, np.abs(point)))

@@ -7,7 +7,7 @@ from scipy import stats
 
 from analysis.models.bootstrap import difference_limits
 from analysis.models.clustered import ClusteredEstimate, holm, participant_t, sign_flip_p, two_way
-from analysis.models.contrasts import crossed_means_p, paired
+from analysis.models.contrasts import crossed_means_p
 from analysis.models.curves.goodness_of_fit import _as_large
 from analysis.models.curves.psychometric_posterior import compare_thresholds, psychometric_posterior
 from analysis.models.mixed.inference import Draws
@@ -51,11 +51,6 @@ def _trend(values):
     return found.p, found.sign_flip_p, found.spearman_p
 
 
-def _paired(values):
-    gaps = [(("a", "b"), values[:6]), (("a", "c"), values[6:12])]
-    return [(one.p, one.p_adjusted) for one in paired("x", gaps, 0.95)]
-
-
 def _drawn(values):
     rest = iter(values[1:])
     return Draws(values.size - 1, np.random.default_rng(0)).p(values[0], lambda _: next(rest))
@@ -72,7 +67,6 @@ def _drawn(values):
         (sign_flip_p, np.tile([0.5, -0.5, 0.0], 8)),
         (participant_t, np.zeros(5)),
         (_estimate, np.array([0.0, 0.1, -0.2, 0.0])),
-        (_paired, np.concatenate([np.zeros(6), np.full(6, 0.4)])),
         (holm, np.array([0.02, 0.02, 0.3, 0.02])),
         (_trend, np.tile([0.0, 1.0, 0.5, 0.5, 0.0, 1.0, 1.0, 0.5, 0.0, 1.0], 4)),
         (_trend, np.full(40, 0.3)),

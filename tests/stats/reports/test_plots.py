@@ -122,7 +122,7 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     matched = simulate_abx(
         TaskDesign(5, 1, 12), {"v1": 0.2, "luminance": 0.1}, rng, scalings=[0.06, 0.12, 0.25, 0.5]
     )
-    fits, _ = critical_scalings(matched, ("method",))
+    fits = critical_scalings(matched, ("method",)).fits
     seen = {
         str(name): (
             np.array(sorted(part["scaling"].unique())),

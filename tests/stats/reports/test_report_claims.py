@@ -30,7 +30,8 @@ def told(kind: str, trials: pd.DataFrame, folder: Path, **options: object):
     rows = analysis.read(folder / "t.csv", chosen)
     settings = analysis.plan_of_table(rows, "t", chosen)
     found, _ = computed(analysis.parts, analysis.table(rows, settings), settings)
-    shown = [part.show(found[part.name], settings) for part in analysis.parts if part.name in found]
+    parts = analysis.parts_of(settings)
+    shown = [part.show(found[part.name], settings) for part in parts if part.name in found]
     page = repr([one.blocks for one in shown])
     captions = [figure.caption for one in shown for figure in one.figures]
     sentences = [sentence for one in shown for sentence in one.sentences]

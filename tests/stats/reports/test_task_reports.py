@@ -158,7 +158,7 @@ SECTIONS = {
     "yes-no": ("correct", "sensitivity", "models", "people", "checks"),
     "identification": ("correct", "sensitivity", "levels", "models", "people", "checks"),
     "adaptive": ("levels", "correct", "sensitivity", "models", "people", "checks"),
-    "abx": ("correct", "sensitivity", "levels", "models", "people", "checks"),
+    "abx": ("levels", "correct", "sensitivity", "models", "people", "checks"),
 }
 FIGURES = {
     "yes-no": {
@@ -410,7 +410,7 @@ def test_critical_scalings_of_simulated_observers_come_out(tmp_path):
         np.random.default_rng(3),
         scalings=(0.1, 0.2, 0.3, 0.4, 0.6, 0.8),
     )
-    settings, results = analysed("abx", trials, tmp_path, level="scaling")
+    settings, results = analysed("abx", trials, tmp_path, level="scaling", test="participant")
 
     assert settings.answers == ("A", "B")
     for one, true in zip(results["critical"].fits, (0.15, 0.3), strict=True):
