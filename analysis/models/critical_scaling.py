@@ -24,7 +24,7 @@ from analysis.models.curves.critical_likelihood import (
     fit_scenes,
     scaling_d_prime,
 )
-from analysis.models.curves.goodness_of_fit import Misfit, adjusted, misfit, studies_of
+from analysis.models.curves.goodness_of_fit import Misfit, adjusted, misfit_of, studies_of
 from analysis.models.numeric import two_sided_quantile
 from protocols.answer_rules import answer_rule
 from protocols.errors import count_of
@@ -374,7 +374,7 @@ def critical_misfits(
         cells = shown[k] > 0
         levels = np.broadcast_to(likelihood.scalings, cells.shape)[cells]
         told = [one[:, k][:, cells] for one in (right[None], predicted, drawn, expected)]
-        found.append(misfit(name, levels, shown[k][cells], *told))
+        found.append(misfit_of(name, levels, shown[k][cells], *told))
     return adjusted(found), predicted[0]
 
 

@@ -115,9 +115,9 @@ class GridOfPeople:
 
     log_likelihood: float
     within: Floats
-    """Of ln s_c and ln gain (conditions, participants, nodes, nodes)."""
+    """Masses of ln s_c and ln gain (conditions, participants, nodes, nodes)."""
     counts: Floats
-    """Summed over people, of ln s_c by a deviation in all conditions (conditions, NODES, nodes)."""
+    """Sums over people, of ln s_c by a deviation in all conditions (conditions, NODES, nodes)."""
 
 
 @dataclass(frozen=True)

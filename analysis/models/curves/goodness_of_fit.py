@@ -100,7 +100,7 @@ def misfits(
         own = counts.condition[counts.row_of_cell] == k
         levels, shown = counts.level[counts.row_of_cell][own], counts.shown_in_cells[own]
         told = [one[:, own] for one in (right, predicted, drawn, expected)]
-        found.append(misfit(name, levels, shown, *told))
+        found.append(misfit_of(name, levels, shown, *told))
     return adjusted(found), predicted[0][counts.cell][counts.row]
 
 
@@ -128,7 +128,7 @@ def curve_misfits(
         share = np.broadcast_to(np.clip(fit(levels), 1e-9, 1.0 - 1e-9), (STUDIES[1], levels.size))
         drawn = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
         expected = _refitted(fit, levels, drawn, shown, guess)
-        found.append(misfit(name, levels, shown, right[None], share[:1], drawn, expected))
+        found.append(misfit_of(name, levels, shown, right[None], share[:1], drawn, expected))
     return adjusted(found)
 
 
@@ -185,11 +185,11 @@ def _refitted(
 
 
 def studies_of(counts: int) -> int:
-    """Return how many studies of so many counts each are simulated."""
+    """Return the number of studies, of so many counts each, that are simulated."""
     return int(np.clip(MOST_COUNTS // counts, *STUDIES))
 
 
-def misfit(
+def misfit_of(
     name: str,
     levels: Floats,
     shown: Floats,
