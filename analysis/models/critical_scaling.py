@@ -24,7 +24,7 @@ from analysis.models.curves.critical_likelihood import (
     fit_scenes,
     scaling_d_prime,
 )
-from analysis.models.curves.goodness_of_fit import Misfit, adjusted, misfit_of, studies_of
+from analysis.models.curves.goodness_of_fit import Misfit, adjusted_misfits, misfit_of, studies_of
 from analysis.models.numeric import two_sided_quantile
 from protocols.answer_rules import answer_rule
 from protocols.errors import count_of
@@ -375,7 +375,7 @@ def critical_misfits(
         levels = np.broadcast_to(likelihood.scalings, cells.shape)[cells]
         told = [one[:, k][:, cells] for one in (right[None], predicted, drawn, expected)]
         found.append(misfit_of(name, levels, shown[k][cells], *told))
-    return adjusted(found), predicted[0]
+    return adjusted_misfits(found), predicted[0]
 
 
 def _drawn(model: CriticalModel, at: Parameters, rng: np.random.Generator) -> Floats:

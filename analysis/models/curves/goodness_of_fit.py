@@ -101,7 +101,7 @@ def misfits(
         levels, shown = counts.level[counts.row_of_cell][own], counts.shown_in_cells[own]
         told = [one[:, own] for one in (right, predicted, drawn, expected)]
         found.append(misfit_of(name, levels, shown, *told))
-    return adjusted(found), predicted[0][counts.cell][counts.row]
+    return adjusted_misfits(found), predicted[0][counts.cell][counts.row]
 
 
 def curve_misfits(
@@ -129,7 +129,7 @@ def curve_misfits(
         drawn = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
         expected = _refitted(fit, levels, drawn, shown, guess)
         found.append(misfit_of(name, levels, shown, right[None], share[:1], drawn, expected))
-    return adjusted(found)
+    return adjusted_misfits(found)
 
 
 def _refitted(
@@ -221,7 +221,7 @@ def misfit_of(
     )
 
 
-def adjusted(found: Sequence[Misfit]) -> tuple[Misfit, ...]:
+def adjusted_misfits(found: Sequence[Misfit]) -> tuple[Misfit, ...]:
     """Return misfits of all conditions with Holm's p."""
     p = holm(np.array([[one.p for one in found], [one.level_p for one in found]]))
     return tuple(
