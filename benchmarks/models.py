@@ -12,7 +12,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -32,10 +32,12 @@ from analysis.models.critical_scaling import (
 )
 from analysis.models.curves.critical_likelihood import scaling_d_prime
 from analysis.models.curves.goodness_of_fit import misfits
+from analysis.models.detection import yes_no
 from analysis.models.logistic import glmm_logit, models_beside
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.models.psychometric import CurveForm, sigmoid
+from analysis.models.right_answers import rate_contrasts
 from analysis.models.second_factor import jod_interactions, share_interactions
 from analysis.models.thresholds import fit_thresholds
 from benchmarks.shared.output import file_to_write, write_record
@@ -54,7 +56,8 @@ class Design:
     """A study: its size, and the deviations of people and of scenes, in all and in one condition.
 
     The unit of deviations is the model's: of levels, of ln s, of the noise of one rating, logits.
-    `lapse` is the least rate of lapses, `lapse_more` the mean of what people add to it.
+    `lapse` is the least rate of lapses, `lapse_more` the mean of what people add to it. So many
+    `first_people` saw the first condition alone, the others the second; so of scenes.
     """
 
     people: int = 10
@@ -68,6 +71,8 @@ class Design:
     guess: float = 0.5
     lapse: float = 0.02
     lapse_more: float = 0.0
+    first_people: int | None = None
+    first_scenes: int | None = None
 
 
 @dataclass(frozen=True)
@@ -103,6 +108,22 @@ FITTING = ("10 people x 7 levels x 6", "20 repeats", "people's lapses differ", "
 """Studies of thresholds, by name, of which goodness of fit is judged."""
 
 SIZES = {"11x6x2": (11, 6, 2), "6x3x2": (6, 3, 2), "30x20x1": (30, 20, 1)}
+
+_SPREAD: Mapping[str, tuple[float, float]] = {"person": (0.6, 0.3), "scene": (0.3, 0.25)}
+COMPARED = {
+    **{size: Design(*of, **_SPREAD) for size, of in SIZES.items()},
+    "40x6x1": Design(40, 6, 1, **_SPREAD),
+    "12x5x2": Design(12, 5, 2, **_SPREAD),
+    **{
+        f"{first} people against {more}, 6 scenes x 4": Design(
+            first + more, 6, 4, (0.6, 0.3), (0.3, 0.0), first_people=first
+        )
+        for first, more in ((10, 10), (4, 16), (3, 12), (2, 10))
+    },
+    "11 people, 6 scenes against 6": Design(11, 12, 4, **_SPREAD, first_scenes=6),
+    "20 people, 4 scenes against 16": Design(20, 20, 2, **_SPREAD, first_scenes=4),
+}
+"""Studies whose two conditions are compared; deviations are logits, and of d'."""
 
 
 def _crossed(design: Design, rng: np.random.Generator, *more: int) -> tuple[pd.DataFrame, Floats]:
@@ -229,6 +250,35 @@ def right_answers(design: Design, rng: np.random.Generator) -> Outcome:
     return one.p, one.lower <= 0.0 <= one.upper
 
 
+def _one_sided(table: pd.DataFrame, design: Design) -> pd.Series:
+    """Return which trials remain where people, or scenes, are of one condition each."""
+    kept = pd.Series(True, index=table.index)
+    for name, first in (("participant", design.first_people), ("scene", design.first_scenes)):
+        if first is not None:
+            kept &= (table[name].astype(int) < first) == (table["method"] == "a")
+    return kept
+
+
+def right_shares(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate a study of right answers, and judge the difference of two shares."""
+    table, shift = _crossed(design, rng)
+    table["correct"] = (rng.random(shift.size) < expit(0.8 + shift)).astype(int)
+    (one,) = rate_contrasts(table[_one_sided(table, design)], ("method",))
+    return one.p, one.lower <= 0.0 <= one.upper
+
+
+def d_primes(design: Design, rng: np.random.Generator) -> Outcome:
+    """Simulate a yes-no study, d' 1.5, and judge the difference of d'; people set criteria."""
+    table, shift = _crossed(design, rng, 2)
+    signal = table["last"] == 1
+    criterion = rng.normal(0.0, 0.4, design.people)[table["participant"].astype(int)]
+    said = signal * (1.5 + shift) - 0.75 - criterion + rng.standard_normal(shift.size) > 0.0
+    table["expected"] = np.where(signal, "yes", "no")
+    table["answer"] = np.where(said, "yes", "no")
+    (one,) = yes_no(table[_one_sided(table, design)], ("method",), signal="yes").d_prime_contrasts
+    return one.p, one.lower <= 0.0 <= one.upper
+
+
 def choices(design: Design, rng: np.random.Generator) -> Outcome:
     """Simulate and judge a study of choices by the mixed model of its one comparison."""
     table, shift = _crossed(replace(design, conditions=1), rng)
@@ -336,6 +386,9 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
             design = Design(person=(0.63, 0.0), scene=(own, 0.0))
             found.append(("share", f"{name}, scenes {own:g}", design, share(seen)))
     found += [("thresholds", name, design, thresholds) for name, design in THRESHOLDS.items()]
+    for judge in (right_shares, d_primes):
+        for name, design in COMPARED.items():
+            found.append((judge.__name__, name, design, judge))
     models: tuple[tuple[Callable[..., Outcome], tuple[float, float], tuple[float, ...]], ...] = (
         (times, (0.3, 0.1), (0.1, 0.2)),
         (ratings, (0.5, 0.3), (0.25, 0.5)),
