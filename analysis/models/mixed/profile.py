@@ -22,13 +22,15 @@ ONE_MAXIMUM = 1e-4
 """Maxima of a log likelihood that differ by less are one."""
 
 _LONGEST = 20
-"""Steps outward in search of a limit; beyond there is none."""
+_FARTHEST = 10.0
+"""Steps outward in search of a limit, and how far to go in distances where it begins; beyond there
+is none."""
 _NEAR = 2.0
 """Ratio of two distances up to which one is a place to begin in search of the other."""
 
 
 def profile_end(beyond: Callable[[float], float], value: float, first: float) -> float:
-    """Return the place at which a profile likelihood has fallen by what `beyond` allows.
+    """Return the place at which a likelihood has fallen by what `beyond` allows, or infinity.
 
     Parameters
     ----------
@@ -46,6 +48,8 @@ def profile_end(beyond: Callable[[float], float], value: float, first: float) ->
         # The root is nearly straight: a little further than where it would reach the limit.
         further = 1.1 * cut / max(cut + above, 0.3 * cut)
         low, high = high, value + further * (high - value)
+        if abs(high - value) > _FARTHEST * abs(first - value):
+            break
     return math.copysign(math.inf, first - value)
 
 
