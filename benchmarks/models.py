@@ -12,7 +12,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -109,19 +109,25 @@ FITTING = ("10 people x 7 levels x 6", "20 repeats", "people's lapses differ", "
 
 SIZES = {"11x6x2": (11, 6, 2), "6x3x2": (6, 3, 2), "30x20x1": (30, 20, 1)}
 
-_SPREAD: Mapping[str, tuple[float, float]] = {"person": (0.6, 0.3), "scene": (0.3, 0.25)}
+
+def _alike(people: int, scenes: int, repeats: int, *, first_scenes: int | None = None) -> Design:
+    """Return a study whose conditions differ by person and by scene."""
+    spread = (0.6, 0.3), (0.3, 0.25)
+    return Design(people, scenes, repeats, *spread, first_scenes=first_scenes)
+
+
 COMPARED = {
-    **{size: Design(*of, **_SPREAD) for size, of in SIZES.items()},
-    "40x6x1": Design(40, 6, 1, **_SPREAD),
-    "12x5x2": Design(12, 5, 2, **_SPREAD),
+    **{size: _alike(*of) for size, of in SIZES.items()},
+    "40x6x1": _alike(40, 6, 1),
+    "12x5x2": _alike(12, 5, 2),
     **{
         f"{first} people against {more}, 6 scenes x 4": Design(
             first + more, 6, 4, (0.6, 0.3), (0.3, 0.0), first_people=first
         )
         for first, more in ((10, 10), (4, 16), (3, 12), (2, 10))
     },
-    "11 people, 6 scenes against 6": Design(11, 12, 4, **_SPREAD, first_scenes=6),
-    "20 people, 4 scenes against 16": Design(20, 20, 2, **_SPREAD, first_scenes=4),
+    "11 people, 6 scenes against 6": _alike(11, 12, 4, first_scenes=6),
+    "20 people, 4 scenes against 16": _alike(20, 20, 2, first_scenes=4),
 }
 """Studies whose two conditions are compared; deviations are logits, and of d'."""
 
