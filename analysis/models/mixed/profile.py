@@ -14,17 +14,18 @@ from analysis.models.mixed.inference import cut_of_draws, p_of_draws
 from analysis.models.numeric import two_sided_quantile
 
 MOST_STEPS, MOST_HALVES = 20, 4
-SMALL_GAIN = 1e-6
+SMALL_GAIN = 1e-5
 """Gain of a log likelihood by a further step that is not taken; it is added."""
 LEAST_START_SD = 0.1
 """Least deviation where a search begins: at 0 a likelihood is level in it."""
 ONE_MAXIMUM = 1e-4
 """Maxima of a log likelihood that differ by less are one."""
 
-_LONGEST = 20
+_LONGEST = 30
+_NEAR_ENOUGH = 1e-4
 _FARTHEST = 10.0
-"""Steps outward in search of a limit, and how far to go in distances where it begins; beyond there
-is none."""
+"""Steps in search of a limit, the share of the way that may be left, and how far to go, in
+distances to where it begins; beyond there is none."""
 _NEAR = 2.0
 """Ratio of two distances up to which one is a place to begin in search of the other."""
 
@@ -39,18 +40,31 @@ def profile_end(beyond: Callable[[float], float], value: float, first: float) ->
     value, first : float
         Where the likelihood is largest, and where the search begins, on the side searched.
     """
-    cut, low, high = -beyond(value), value, first
-    how = {"xtol": 1e-3 * abs(first - value), "rtol": 1e-4}
+    cut = -beyond(value)
+    inside, outside, last = (value, -cut), (math.inf, math.inf), (value, -cut)
+    at = first
     for _ in range(_LONGEST):
-        above = beyond(high)
-        if above >= 0.0:
-            return float(scipy.optimize.brentq(beyond, low, high, **how))
-        # The root is nearly straight: a little further than where it would reach the limit.
-        further = 1.1 * cut / max(cut + above, 0.3 * cut)
-        low, high = high, value + further * (high - value)
-        if abs(high - value) > _FARTHEST * abs(first - value):
+        now = at, beyond(at)
+        # 0 is no limit unless it is one to the last digit: p tells on which side it lies.
+        if at != 0.0 and abs(now[1]) < _NEAR_ENOUGH * cut:
             break
-    return math.copysign(math.inf, first - value)
+        if now[1] < 0.0:
+            inside = now
+        else:
+            outside = now
+        # The root is nearly straight: the next place is on the line through the last two.
+        rise = (now[1] - last[1]) / (now[0] - last[0])
+        at = now[0] - now[1] / rise if rise else math.inf
+        if math.isinf(outside[0]):
+            share = (at - value) / (now[0] - value)
+            at = value + (min(share, 3.0) if share > 1.0 else 3.0) * (now[0] - value)
+            if abs(at - value) > _FARTHEST * abs(first - value):
+                return math.copysign(math.inf, first - value)
+        elif not 0.01 < (at - inside[0]) / (outside[0] - inside[0]) < 0.99:
+            share = min(max(-inside[1] / (outside[1] - inside[1]), 0.1), 0.9)
+            at = inside[0] + share * (outside[0] - inside[0])
+        last = now
+    return at
 
 
 @dataclass(frozen=True)

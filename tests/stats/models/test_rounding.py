@@ -10,7 +10,7 @@ from analysis.models.clustered import ClusteredEstimate, holm, participant_t, si
 from analysis.models.contrasts import crossed_means_p
 from analysis.models.curves.goodness_of_fit import _as_large
 from analysis.models.curves.psychometric_posterior import compare_thresholds, psychometric_posterior
-from analysis.models.mixed.inference import Draws
+from analysis.models.mixed.inference import Draws, p_of_draws
 from analysis.models.numeric import binomial_below, exact_binomial, tied, zeroed
 from analysis.models.trends import trend
 from analysis.power import first_reaching
@@ -53,7 +53,8 @@ def _trend(values):
 
 def _drawn(values):
     rest = iter(values[1:])
-    return Draws(values.size - 1, np.random.default_rng(0)).p(values[0], lambda _: next(rest))
+    draws = Draws(values.size - 1, np.random.default_rng(0))
+    return p_of_draws(values[0], draws.ratios(lambda _: next(rest)))
 
 
 @pytest.mark.parametrize(
