@@ -107,6 +107,17 @@ THRESHOLDS = {
 FITTING = ("10 people x 7 levels x 6", "20 repeats", "people's lapses differ", "4 alternatives")
 """Studies of thresholds, by name, of which goodness of fit is judged."""
 
+_SCALINGS = tuple(np.log([0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0]).tolist())
+CRITICAL = {
+    "10 people x 8 scalings x 18": Design(
+        repeats=18, person=(0.3, 0.15), levels=_SCALINGS, lapse=0.02
+    ),
+    "10 people x 8 scalings x 7 scenes x 2": Design(
+        scenes=7, repeats=2, person=(0.3, 0.15), scene=(0.1, 0.1), levels=_SCALINGS
+    ),
+}
+"""Studies of scalings, whose logarithms are the levels; deviations are of ln s_c."""
+
 SIZES = {"11x6x2": (11, 6, 2), "6x3x2": (6, 3, 2), "30x20x1": (30, 20, 1)}
 
 
@@ -395,6 +406,7 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
     for judge in (right_shares, d_primes):
         for name, design in COMPARED.items():
             found.append((judge.__name__, name, design, judge))
+    found += [("critical", name, design, critical) for name, design in CRITICAL.items()]
     models: tuple[tuple[Callable[..., Outcome], tuple[float, float], tuple[float, ...]], ...] = (
         (times, (0.3, 0.1), (0.1, 0.2)),
         (ratings, (0.5, 0.3), (0.25, 0.5)),
@@ -431,9 +443,13 @@ def cells_of_one_study() -> list[
     found: list[tuple[list[tuple[str, str]], Design, Callable[..., list[Outcome]]]] = []
     for model, name, design, judge in cells():
         found.append(([(model, name)], design, lambda *at, asked=judge: [asked(*at)]))
-    for name in FITTING:
+    fitting: list[tuple[str, Design, Callable[..., list[Outcome]]]] = [
+        *((name, THRESHOLDS[name], goodness) for name in FITTING),
+        *((f"scalings, {name}", design, critical_goodness) for name, design in CRITICAL.items()),
+    ]
+    for name, design, judge in fitting:
         named = [("goodness", f"{name}, {told}") for told in ("deviance", "by level")]
-        found.append((named, THRESHOLDS[name], goodness))
+        found.append((named, design, judge))
     return found
 
 

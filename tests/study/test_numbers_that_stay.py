@@ -125,9 +125,9 @@ def test_a_report_gives_the_numbers_it_gave(sessions, tmp_path):
     processor. Rounding in the file would hide it up to a number that lies on an edge, and would
     change the file. So other machines are held to what was found when this one was made to compute
     as four others do (OpenBLAS for Prescott, Haswell, Zen, and numpy without AVX2): closed formulas
-    moved by less than 1e-12, and the mixed models by less than 1e-6; limits are searched. (They moved by up to 1e-4 of a
-    standard error until the curvature was taken at the mode itself, decision 0055; that moved the
-    stored numbers by at most 2e-4 of a standard error.)
+    moved by less than 1e-12, and the mixed models by less than 1e-6; their limits are searched.
+    (They moved by up to 1e-4 of a standard error until the curvature was taken at the mode itself,
+    decision 0055; that moved the stored numbers by at most 2e-4 of a standard error.)
     """
     with undrawn():
         made = report_sessions(
