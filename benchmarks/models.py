@@ -447,9 +447,9 @@ def cells_of_one_study() -> list[
         *((name, THRESHOLDS[name], goodness) for name in FITTING),
         *((f"scalings, {name}", design, critical_goodness) for name, design in CRITICAL.items()),
     ]
-    for name, design, judge in fitting:
+    for name, design, several in fitting:
         named = [("goodness", f"{name}, {told}") for told in ("deviance", "by level")]
-        found.append((named, design, judge))
+        found.append((named, design, several))
     return found
 
 
