@@ -35,6 +35,11 @@ LEAST_OF_SCENES = 0.1
 Divided by their degrees of freedom: with two scenes, many people alone never make p small."""
 
 
+TWO_ALONE = 1.5
+"""Degrees of freedom below which a sample is of two: what they differ by says too little of what
+their mean is worth for degrees that are weighted by it."""
+
+
 @dataclass(frozen=True)
 class ClusteredShare:
     """A share with a standard error that respects participants and scenes.
@@ -321,7 +326,8 @@ def two_way_difference(
     Notes
     -----
     Participants, or scenes, that no two share are two samples: their variances add up, each about
-    its own mean, with the degrees of freedom of Welch and Satterthwaite.
+    its own mean, with the degrees of freedom of Welch and Satterthwaite; where one is of two
+    people, or scenes, with the one degree that these have.
     """
     first, second = (np.array(one, dtype=np.float64) for one in influences)
     parts = _variances(first - second, shown[0] + shown[1], np.asarray(1.0))
@@ -340,6 +346,8 @@ def two_way_difference(
             spread = sum(known**2 / np.maximum(free, 1e-9) for known, free in each)
             with np.errstate(divide="ignore", invalid="ignore"):
                 welch = np.where(spread > 0, variance**2 / spread, df)
+            fewest = np.minimum(each[0][1], each[1][1])
+            welch = np.where(fewest < TWO_ALONE, np.minimum(fewest, welch), welch)
             changed |= {way: variance, f"{way}_df": welch}
         if "scene" in apart:
             changed["scenes"] = np.asarray(own[0]["scenes"] + own[1]["scenes"] - 1.0)
