@@ -35,7 +35,7 @@ REPORTS = {
     "abx": (*_RIGHT, "critical"),
     "ratings": ("ratings", "random_ratings", "learning", "times"),
     "preference": (
-        *("preferences", "achieved_power", "interaction", "choice_models"),
+        *("preferences", "interaction", "choice_models"),
         *("scale", "bias", "learning", "times"),
     ),
 }
@@ -95,12 +95,6 @@ SAID = {
         "methods": "Changes between values of size were tested",
         "tables": {"interaction.csv", "interaction_shares.csv"},
         "figure": "interaction",
-    },
-    "achieved_power": {
-        "section": "preference",
-        "sentence": "In JOD the primary comparison is",
-        "methods": "power of the primary comparison for the smallest effect of interest",
-        "tables": set(),
     },
     "choice_models": {
         "section": "other",

@@ -8,7 +8,6 @@ import pandas as pd
 
 from analysis import SEED
 from analysis.models.compared_methods import as_numbers, pairing_rows
-from analysis.parts.achieved_power import AchievedPowerPart
 from analysis.parts.bias import BiasPart
 from analysis.parts.choice_models import ChoiceModelsPart
 from analysis.parts.interaction import PreferenceInteraction
@@ -40,7 +39,6 @@ class PreferenceOfPairs(TaskAnalysis[PreferenceTableSection, PreferencePlan]):
     options = PreferenceTableSection
     parts = (
         PreferencesPart(),
-        AchievedPowerPart(),
         PreferenceInteraction(),
         ChoiceModelsPart(),
         ScalePart(),
