@@ -16,6 +16,7 @@ from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
 from analysis.arrays import Bools, Floats
 from analysis.models.numeric import ROUNDING
 from analysis.parts import EQUIVALENCE, AnalysisPlan, AnyPart, Part, Tests, computed, with_added
+from analysis.plans.rate_plan import RatePlan
 from analysis.power_curves import DesignPower, Power
 from analysis.showable import FamilyOfTests, limits_of_design
 from protocols.errors import StudyError, count_of
@@ -253,7 +254,13 @@ def power(
         "reaction times are compared by analysis of variance of ln s, not by the report's mixed"
         " model, which takes longer"
     )
-    notes = [*simulation.notes(taken), *([by_means] if simulation.timed else []), *errs, *notes]
+    by_shares = (
+        "the study compares critical scalings, which take longer: power is that of differences of"
+        " right answers over all scalings"
+    )
+    scaled = isinstance(plan, RatePlan) and plan.by_scaling
+    instead = [*([by_means] if simulation.timed else []), *([by_shares] if scaled else [])]
+    notes = [*simulation.notes(taken), *instead, *errs, *notes]
     scenes = simulation.cells["scene"].replace("", None).nunique()
     notes += limits_of_design(families, planned, plan.alpha, scenes, plan)
     if EQUIVALENCE in each:
