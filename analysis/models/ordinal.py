@@ -28,7 +28,7 @@ from analysis.models.mixed.glmm import CountedTrials, LaplaceLikelihood, laplace
 from analysis.models.mixed.inference import USUAL, Inference
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
 from analysis.models.mixed.profile import HeldContrast, Maximum, ratio_test
-from analysis.models.numeric import chi_squared_p, slope_hessian, two_sided_quantile
+from analysis.models.numeric import chi_squared_p, slope_hessian
 from analysis.models.right_answers import FEW_PARTICIPANTS
 from protocols.tasks.rates import name_of
 
@@ -344,9 +344,9 @@ def rating_model(
     -----
     Random are participants, scenes where there are several, and the deviations of both in a
     condition (left out where each has one rating of it: these cannot tell it from chance).
-    Differences have limits of the profile likelihood, and p of the likelihood ratio's root; places
-    have Wald's limits; all by t with degrees of freedom between those of participants and of scenes
-    (`contrasts.CrossedDesign`). Categories nobody chose have no thresholds of their own, and keep
+    Differences, and places, which are those from the first condition, have limits of the profile
+    likelihood, and p of the likelihood ratio's root; by t with degrees of freedom between those of
+    participants and of scenes (`contrasts.CrossedDesign`). Categories nobody chose have no thresholds of their own, and keep
     their number in means.
     """
     rows = checked(trials, ("rating",), by)
@@ -536,10 +536,17 @@ def _model(
     inference: Inference,
 ) -> RatingModel:
     names, level = list(trials.given), inference.level
-    tested = [
-        _rating_difference(trials, fit, gap, inference)
-        for gap in wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
-    ]
+
+    def compared(pairs: Sequence[Pair]) -> list[RatingDifference]:
+        gaps = wald("place", names, pairs, *_places(fit), crossed=crossed, level=level)
+        return [_rating_difference(trials, fit, gap, inference) for gap in gaps]
+
+    tested = compared(pairs)
+    limits = {(one.first, one.second): (one.lower, one.upper) for one in tested}
+    limits |= {(second, first): (-high, -low) for (first, second), (low, high) in limits.items()}
+    # Places are distances from the first condition, whose limits are those of the comparison.
+    more = compared([(name, names[0]) for name in names[1:] if (name, names[0]) not in limits])
+    limits |= {(one.first, one.second): (one.lower, one.upper) for one in more}
     errors = np.sqrt(np.diag(fit.covariance)[: fit.theta.size])
     located = np.concatenate([fit.theta, fit.beta])
     return RatingModel(
@@ -549,7 +556,7 @@ def _model(
             float(theta) if _told(theta, error) else np.nan
             for theta, error in zip(fit.theta, errors, strict=True)
         ),
-        conditions=_rated(trials, fit, crossed, level),
+        conditions=_rated(trials, fit, {name: limits.get((name, names[0])) for name in names}),
         contrasts=tuple(
             replace(one, p_adjusted=own)
             for one, own in zip(tested, holm_where_known([one.p for one in tested]), strict=True)
@@ -661,24 +668,21 @@ def _misfit(trials: _Trials, condition: Ints) -> list[str]:
 
 
 def _rated(
-    trials: _Trials, fit: CumulativeFit, crossed: CrossedDesign, level: float
+    trials: _Trials, fit: CumulativeFit, limits: Mapping[str, tuple[float, float] | None]
 ) -> tuple[RatedCondition, ...]:
+    """Return the conditions; `limits` are those of their places, None of the first."""
     value, covariance = _places(fit)
     error = np.sqrt(np.diag(covariance).clip(min=0))
-    from_first = np.eye(error.size)
-    from_first[1:, 0] = -1.0
-    df = [crossed.df(one, own**2) for one, own in zip(from_first, error, strict=True)]
-    reach = two_sided_quantile(level, df) * error
     numbers = _scale_numbers(trials.scale)
     found = []
     for k, (name, own) in enumerate(trials.given.items()):
-        place = float(value[k]) if _told(value[k], error[k]) else np.nan
+        lower, upper = limits[name] or (0.0, 0.0)
         found.append(
             RatedCondition(
                 condition=name,
-                place=place,
-                lower=place - float(reach[k]),
-                upper=place + float(reach[k]),
+                place=float(value[k]) if _told(value[k], error[k]) else np.nan,
+                lower=lower,
+                upper=upper,
                 mean_rating=float(numbers[own].mean()),
                 ratings=own.size,
                 shares=tuple(float(np.mean(own == j)) for j in range(numbers.size)),
