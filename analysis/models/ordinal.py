@@ -346,8 +346,8 @@ def rating_model(
     condition (left out where each has one rating of it: these cannot tell it from chance).
     Differences, and places, which are those from the first condition, have limits of the profile
     likelihood, and p of the likelihood ratio's root; by t with degrees of freedom between those of
-    participants and of scenes (`contrasts.CrossedDesign`). Categories nobody chose have no thresholds of their own, and keep
-    their number in means.
+    participants and of scenes (`contrasts.CrossedDesign`). Categories nobody chose have no
+    thresholds of their own, and keep their number in means.
     """
     rows = checked(trials, ("rating",), by)
     texts = rows["rating"].map(name_of)
