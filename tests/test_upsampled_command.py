@@ -73,7 +73,8 @@ def test_a_gaze_says_where_coherence_transport_works(given):
         out[name] for name in ("push-pull-depth", "coherence-transport", "gazed")
     )
     assert np.array_equal(found[away > 5.01], plain[away > 5.01])
-    assert np.array_equal(found[away < 3.99], whole[away < 3.99])
+    # Noise is fitted to the surroundings, which lie beyond the border, too.
+    assert np.abs(found - whole)[away < 3.99].max() < 1.01 / 255
     assert (plain != whole)[away < 3.99].any()
     assert (plain != whole)[away > 5.01].any()
 

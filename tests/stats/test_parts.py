@@ -136,7 +136,6 @@ SAID = {
     },
     "sensitivity": {
         "section": "sensitivity",
-        "caption": "Differences of",
         "sentence": ", d' = ",
         "methods": "each condition's",
         "tables": {"sensitivity.csv", "sensitivity_differences.csv"},
@@ -151,7 +150,6 @@ SAID = {
     },
     "comparisons": {
         "section": "sensitivity",
-        "caption": "Differences of",
         "sentence": "minus",
         "methods": "Tests are two-sided, alpha = .05",
         "tables": {"sensitivity_differences.csv"},
@@ -192,7 +190,7 @@ SAID = {
         "section": "levels",
         "caption": "The largest scaling that cannot be told apart",
         "sentence": "Critical scaling of condition",
-        "methods": "Critical scalings were fitted",
+        "methods": "Critical scalings of",
         "tables": {"critical.csv", "critical_differences.csv"},
         "figure": "scaling",
     },

@@ -174,7 +174,7 @@ class CriticalLikelihood:
         nodes = np.linspace(-REACH, REACH, NODES) if self.common else np.zeros(1)
         return nodes, -0.5 * nodes**2 - logsumexp(-0.5 * nodes**2)
 
-    def above(self, scenes: Floats) -> scipy.sparse.csr_array:
+    def above(self, scenes: Floats) -> "scipy.sparse.csr_array":
         """Return the matrix that reads a law (places, gains) at ln (scaling / s_c) over the grid.
 
         Its rows are conditions, scenes, scalings, nodes of ln s_c.

@@ -28,13 +28,16 @@ def rows() -> pd.DataFrame:
 
 
 def test_times_of_two_groups_are_compared_as_by_the_t_test_of_two_samples(rows):
-    model = time_model(rows, ("group",))
-    (found,) = model.ratios
+    """A contrast has its t; the likelihood ratio of n means is n log(1 + t^2 / (n - 2))."""
+    model = time_model(rows, ("group",), asked={"gap": {"expert": 1.0, "novice": -1.0}})
+    (found,), (gap,) = model.ratios, model.margins.contrasts
     means = np.log(rows["rt_s"]).groupby([rows["group"], rows["participant"]]).mean()
     wanted = stats.ttest_ind(means["expert"], means["novice"])
 
     assert found.df == pytest.approx(PEOPLE - 2)
-    assert found.p == pytest.approx(wanted.pvalue, rel=1e-4)
+    assert gap.p == pytest.approx(wanted.pvalue, rel=1e-4)
+    ratio = PEOPLE * np.log1p(wanted.statistic**2 / (PEOPLE - 2))
+    assert found.t**2 == pytest.approx(ratio, rel=1e-3)
     assert list(model.sd) == ["participant"]
     assert model.interaction_sd == 0.0
 

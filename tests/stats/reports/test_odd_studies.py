@@ -57,15 +57,20 @@ WITHHELD = (
     "[learning]",
     "[times]",
     "[random_effects]",
+    "[scale].sizes[].contrasts",
 )
 """Models that say which of their terms the data do not identify; these have no number. A residual
-has no intraclass correlation."""
+has no intraclass correlation, and a scale of too few people no limits."""
 
 
 def not_finite(value: object, path: str = "") -> Iterator[str]:
-    """Yield where a result holds a number that is not finite, or none though it should."""
+    """Yield where a result holds a number that is not finite, or none though it should.
+
+    Only a limit may be infinite.
+    """
     if isinstance(value, float | np.floating):
-        if math.isinf(value) or (math.isnan(value) and not path.startswith(WITHHELD)):
+        endless = math.isinf(value) and not path.endswith(("upper", "lower"))
+        if endless or (math.isnan(value) and not path.startswith(WITHHELD)):
             yield path
     elif is_dataclass(value) and not isinstance(value, type):
         for field in fields(value):

@@ -32,7 +32,7 @@ def told(kind: str, trials: pd.DataFrame, folder: Path, **options: object):
     found, _ = computed(analysis.parts, analysis.table(rows, settings), settings)
     parts = analysis.parts_of(settings)
     shown = [part.show(found[part.name], settings) for part in parts if part.name in found]
-    page = repr([one.blocks for one in shown])
+    page = repr([(one.blocks, one.others) for one in shown])
     captions = [figure.caption for one in shown for figure in one.figures]
     sentences = [sentence for one in shown for sentence in one.sentences]
     return found, page, " ".join([*(one.methods for one in shown), *sentences, *captions])
