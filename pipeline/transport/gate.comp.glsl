@@ -10,7 +10,7 @@
 
 #include "tiles.glsl"
 #include "transport.glsl"
-#include "tensor.glsl"
+#include "transport/tensor.glsl"
 
 layout(r32f) uniform writeonly image2D gate;
 

@@ -4,7 +4,7 @@
 
 #include "pixels.glsl"
 #include "transport.glsl"
-#include "tensor.glsl"
+#include "transport/tensor.glsl"
 
 layout(std430) buffer Listed { uint listed[]; };
 
