@@ -124,7 +124,8 @@ class Window:
         self._sync = SyncValues.of_window(glfw, self._handle) if self.pacing == "vsync" else None
         self._listen()
         glfw.set_input_mode(self._handle, glfw.CURSOR, glfw.CURSOR_HIDDEN)
-        self._cursor_shown = self._cursor_stays = False
+        self._cursor_shown = False
+        self._cursor_kept: bool | None = None
         self._gamepad = Gamepad(glfw)
         self.take_focus()
         self._await_full_screen()  # what came with the focus may have resized it once more
@@ -298,9 +299,15 @@ class Window:
         return bool(glfw.get_mouse_button(self._handle, glfw.MOUSE_BUTTON_LEFT) == glfw.PRESS)
 
     def show_cursor(self, shown: bool, *, stays: bool = False) -> None:
-        """Show the mouse or hide it; once it `stays`, as where it stands in for an eye, it does."""
-        self._cursor_stays |= stays
-        if (shown := shown or self._cursor_stays) != self._cursor_shown:
+        """Show the mouse or hide it; it `stays` so, whatever is asked later.
+
+        It stays in sight where it stands in for an eye, and hidden where a tracker sees one.
+        """
+        if stays:
+            self._cursor_kept = shown
+        if self._cursor_kept is not None:
+            shown = self._cursor_kept
+        if shown != self._cursor_shown:
             mode = glfw.CURSOR_NORMAL if shown else glfw.CURSOR_HIDDEN
             glfw.set_input_mode(self._handle, glfw.CURSOR, mode)
             self._cursor_shown = shown

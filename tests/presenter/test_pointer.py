@@ -69,13 +69,16 @@ def test_the_cursor_is_seen_only_while_a_question_is_asked_unless_it_is_an_eye(m
     )  # fmt: skip
     monkeypatch.setattr("study_app.desktop.window.glfw", glfw)
     window = Window.__new__(Window)
-    window._handle, window._cursor_shown, window._cursor_stays = None, False, False
+    window._handle, window._cursor_shown, window._cursor_kept = None, False, None
     for shown in (False, True, True, False, False):
         window.show_cursor(shown)
     assert modes == ["seen", "hidden"]
     window.show_cursor(True, stays=True)
     window.show_cursor(False)
     assert modes == ["seen", "hidden", "seen"]
+    window.show_cursor(False, stays=True)
+    window.show_cursor(True)
+    assert modes == ["seen", "hidden", "seen", "hidden"]
 
 
 @pytest.mark.slow
