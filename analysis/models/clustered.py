@@ -233,6 +233,21 @@ def two_way(chosen: Floats, shown: Floats) -> ClusteredShare:
     return _combined(share, total, _variances(residual, shown, total**2))
 
 
+def limits_by_scene(chosen: Floats, shown: Floats, level: float) -> tuple[Floats, Floats]:
+    """Return limits (scenes,) of the share in each scene, of people like those who saw it.
+
+    They are NaN where fewer than two did.
+
+    Parameters
+    ----------
+    chosen, shown : ndarray (participants, scenes)
+        As of `two_way`; each scene was shown.
+    """
+    found = two_way(chosen.T[..., None], shown.T[..., None])
+    lower, upper = (np.where(found.persons > 1.0, end, np.nan) for end in found.limits(level))
+    return lower, upper
+
+
 def two_way_of_first(chosen: Floats, shown: Floats, people: Sequence[int]) -> ClusteredShare:
     """Return `two_way` of the first n participants of simulated studies, for every n.
 

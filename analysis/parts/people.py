@@ -1,31 +1,44 @@
 """People and scenes: how often each answered right."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import repeat
 from typing import ClassVar, TypeVar
 
 import numpy as np
 import pandas as pd
 
-from analysis.parts import PartFigure, Presentation, SimplePart
+from analysis.models.clustered import limits_by_scene
+from analysis.models.compared_methods import cell_counts
+from analysis.parts import AnalysisPlan, PartFigure, Presentation, SimplePart
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots import heat_map
-from analysis.report.wording import share
-from protocols.blocks import FigurePlace
+from analysis.report.result_table import ResultColumn, ResultTable
+from analysis.report.wording import NONE, share, share_range
+from protocols.blocks import Block, FigurePlace
 
 Pairs = tuple[tuple[str, float], ...]
+Limits = tuple[tuple[float, float], ...]
 Shares = Mapping[str, Pairs]
 Label = Callable[[str], str]
 K = TypeVar("K")
+NO_LIMITS = repeat((math.nan, math.nan))
+MOST_SCENES, MOST_COLUMNS = 30, 6
+"""More scenes, or columns, are shown by the figure and the file alone."""
 
 
 @dataclass(frozen=True)
 class People:
-    """Share of right answers of each participant, and of each scene, by condition."""
+    """Share of right answers of each participant, and of each scene, by condition.
+
+    `scene_limits` are those of `scenes`, one by one.
+    """
 
     participants: Shares
     scenes: Shares
+    scene_limits: Mapping[str, Limits]
     notes: tuple[str, ...] = ()
 
 
@@ -37,16 +50,20 @@ class PeoplePart(SimplePart[RatePlan, People]):
 
     def of(self, table: pd.DataFrame, plan: RatePlan) -> People:
         """Return shares by participant and scene."""
-        scenes = _shares(table, plan, "scene") if "scene" in table else {}
-        return People(_shares(table, plan, "participant"), scenes)
+        people = _shares(table, plan, "participant")
+        if "scene" not in table:
+            return People(people, {}, {})
+        return People(people, _shares(table, plan, "scene"), _limits(table, plan))
 
     def show(self, found: People, plan: RatePlan) -> Presentation:
         """Return a heat map of each, and how far people lie apart."""
         lines = [
-            {"of": group, "name": who, "condition": name, "share": value}
+            {"of": group, "name": who, "condition": name, "share": value, "lower": low, "upper": up}
             for group, shares in (("participant", found.participants), ("scene", found.scenes))
             for name, pairs in shares.items()
-            for who, value in pairs
+            for (who, value), (low, up) in zip(
+                pairs, found.scene_limits[name] if group == "scene" else NO_LIMITS, strict=False
+            )
         ]
         sentences = [
             f"In condition {plan.label(name)}, participants' shares of right answers lay between"
@@ -56,7 +73,13 @@ class PeoplePart(SimplePart[RatePlan, People]):
         ]
         return Presentation(
             title="Participants and scenes" if found.scenes else "",
-            blocks=(FigurePlace("participants"), FigurePlace("scenes")),
+            blocks=(
+                FigurePlace("participants"),
+                FigurePlace("scenes"),
+                *scenes_table(
+                    "Share of right answers", found.scenes, found.scene_limits, plan, plan.label
+                ),
+            ),
             sentences=sentences,
             methods="Shares of right answers of single participants are as counted.",
             tables={"shares.csv": pd.DataFrame(lines)},
@@ -80,6 +103,47 @@ def _shares(table: pd.DataFrame, plan: RatePlan, group: str) -> Shares:
         name: tuple((str(who), float(value)) for who, value in each[name].items())
         for name in shown_in(table, plan)
     }
+
+
+def _limits(table: pd.DataFrame, plan: RatePlan) -> dict[str, Limits]:
+    found = {}
+    for name in shown_in(table, plan):
+        part = table[table[plan.compared[0]] == name]
+        cells = cell_counts(part, part["correct"].to_numpy(dtype=np.float64))[:2]
+        found[name] = tuple(zip(*map(list, limits_by_scene(*cells, plan.confidence)), strict=True))
+    return found
+
+
+def scenes_table(
+    what: str,
+    shares: Mapping[K, Pairs],
+    limits: Mapping[K, Limits],
+    plan: AnalysisPlan,
+    column: Callable[[K], str],
+) -> tuple[Block, ...]:
+    """Return the table of shares by scene with limits; nothing of one scene, or of very many.
+
+    Parameters
+    ----------
+    shares, limits : mapping of column to (scene, share), and to limits of these
+    """
+    names = sorted({scene for pairs in shares.values() for scene, _ in pairs})
+    if not 1 < len(names) <= MOST_SCENES or len(shares) > MOST_COLUMNS:
+        return ()
+
+    def told(key: K, scene: str) -> str:
+        for (name, value), ends in zip(shares[key], limits[key], strict=True):
+            if name == scene:
+                return f"{share(value)} {share_range(*ends)}"
+        return NONE
+
+    table = ResultTable.of(
+        f"{what} by scene, with {plan.limits} of people like these",
+        names,
+        ResultColumn("Scene", "l", plan.label),
+        *(ResultColumn(column(key), "n", partial(told, key)) for key in shares),
+    )
+    return (table.block(),)
 
 
 def shares_figure(

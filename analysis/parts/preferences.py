@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from analysis.answers import SimulatedAnswers
 from analysis.arrays import Floats
-from analysis.models.clustered import ClusteredShare, holm, two_way_of_first
+from analysis.models.clustered import ClusteredShare, holm, limits_by_scene, two_way_of_first
 from analysis.models.compared_methods import ALL_SIZES, Comparisons, counts
 from analysis.models.numeric import binomial_below
 from analysis.models.preference import (
@@ -22,7 +22,7 @@ from analysis.models.preference import (
     preferences,
 )
 from analysis.parts import EQUIVALENCE, Estimate, PartFigure, Presentation, SimplePart, Tests
-from analysis.parts.people import shares_figure
+from analysis.parts.people import NO_LIMITS, Limits, scenes_table, shares_figure
 from analysis.parts.shared import apa_p, over, planned_family
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plots import preference_bars
@@ -90,13 +90,14 @@ class PreferenceResults:
     table : PreferenceTable
         Every comparison, adjusted together.
     participant_shares, scene_shares : mapping of (method, against, size) to (name, share)
-        Of choices of the first method.
+        Of choices of the first method; `scene_limits` are those of scenes.
     """
 
     primary: Preference | None
     table: PreferenceTable
     participant_shares: PairingShares
     scene_shares: PairingShares
+    scene_limits: Mapping[tuple[str, str, str], Limits]
     notes: tuple[str, ...]
 
 
@@ -139,6 +140,7 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
             cells,
             _shares_by(1, decisions, cells),
             _shares_by(0, decisions, cells),
+            _scene_limits(decisions, cells, plan),
             tuple(notes),
         )
 
@@ -216,7 +218,17 @@ class PreferencesPart(SimplePart[PreferencePlan, PreferenceResults]):
                     "people",
                     "Participants and scenes",
                     "Participants and scenes",
-                    (FigurePlace("participants"), FigurePlace("scenes")),
+                    (
+                        FigurePlace("participants"),
+                        FigurePlace("scenes"),
+                        *scenes_table(
+                            "Share of choices of the first method",
+                            found.scene_shares,
+                            found.scene_limits,
+                            plan,
+                            partial(_column, plan, "; {}"),
+                        ),
+                    ),
                 ),
             ),
             sentences=sentences,
@@ -256,6 +268,17 @@ def _shares_by(summed: int, decisions: Comparisons, table: PreferenceTable) -> P
         chosen, shown, *names = counts(decisions.rows(*key), one.method)
         shares = chosen.sum(axis=summed) / shown.sum(axis=summed)
         found[key] = tuple(zip(names[1 - summed], map(float, shares), strict=True))
+    return found
+
+
+def _scene_limits(
+    decisions: Comparisons, table: PreferenceTable, plan: PreferencePlan
+) -> dict[tuple[str, str, str], Limits]:
+    found = {}
+    for one in table.cells:
+        cells = counts(decisions.rows(*_key(one)), one.method)[:2]
+        limits = map(list, limits_by_scene(*cells, plan.confidence))
+        found[_key(one)] = tuple(zip(*limits, strict=True))
     return found
 
 
@@ -393,12 +416,17 @@ def _others(table: ResultTable[Preference], plan: PreferencePlan) -> Folded:
 
 def _shares(found: PreferenceResults) -> pd.DataFrame:
     rows = [
-        (of, name, *key, value)
-        for of in ("participant", "scene")
-        for key, pairs in getattr(found, f"{of}_shares").items()
-        for name, value in pairs
-    ]
-    return pd.DataFrame(rows, columns=["of", "name", "method", "against", "size", "share"])
+        (of, name, *key, value, *ends)
+        for of, shares in (
+            ("participant", found.participant_shares), ("scene", found.scene_shares)
+        )
+        for key, pairs in shares.items()
+        for (name, value), ends in zip(
+            pairs, found.scene_limits[key] if of == "scene" else NO_LIMITS, strict=False
+        )
+    ]  # fmt: skip
+    columns = ["of", "name", "method", "against", "size", "share", "lower", "upper"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _figures(found: PreferenceResults, plan: PreferencePlan) -> Iterator[PartFigure]:
@@ -416,12 +444,15 @@ def _figures(found: PreferenceResults, plan: PreferencePlan) -> Iterator[PartFig
 
 
 def _heat_map(name: str, shares: PairingShares, plan: PreferencePlan) -> PartFigure:
-    below = "\n{}"
     return shares_figure(
         name,
         f"Share of choices of the first method, by {name[:-1]}. Blue: the first is preferred;"
         " orange: the second.",
         shares,
         plan.label,
-        lambda key: f"{plan.label(key[0])} / {plan.label(key[1])}{plan.at(key[2], below)}",
+        partial(_column, plan, "\n{}"),
     )
+
+
+def _column(plan: PreferencePlan, size: str, key: tuple[str, str, str]) -> str:
+    return f"{plan.label(key[0])} / {plan.label(key[1])}{plan.at(key[2], size)}"

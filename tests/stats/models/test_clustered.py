@@ -9,6 +9,7 @@ from scipy.special import expit
 
 from analysis.models.clustered import (
     holm,
+    limits_by_scene,
     participant_t,
     sign_flip_floor,
     sign_flip_p,
@@ -121,6 +122,18 @@ def test_the_score_test_is_a_t_of_the_share_by_hand():
     clustered, _, floor = found.p_parts()
     assert float(clustered) == pytest.approx(2 * stats.t.sf(0.25 * np.sqrt(size), 3))
     assert float(floor) == 2 / 16
+
+
+def test_limits_by_scene_are_those_of_each_scene_alone(rng):
+    shown = np.full((8, 3), 4.0)
+    shown[3, 1] = 0.0
+    chosen = rng.binomial(shown.astype(int), 0.7).astype(float)
+    lower, upper = limits_by_scene(chosen, shown, 0.95)
+
+    for scene in range(3):
+        alone = two_way(chosen[:, [scene]], shown[:, [scene]]).limits(0.95)
+        assert (lower[scene], upper[scene]) == pytest.approx(alone)
+    assert np.isnan(limits_by_scene(chosen[:1], shown[:1], 0.95)[0]).tolist() == [True] * 3
 
 
 def test_unanimous_answers_have_the_participants_p_and_finite_limits():

@@ -72,6 +72,7 @@ def test_scenes_are_spoken_of_only_where_errors_respect_them(
     assert "clustered by participant and scene" in text
     assert "respect participants and scenes" in text
     assert "both as crossed random intercepts" in text
+    assert "Share of right answers by scene, with 95 % limits of people like these" in page
     assert "clusters its errors by participant and scene; the third has them as crossed" in page
 
     for rows, test in (
