@@ -131,8 +131,8 @@ def test_limits_by_scene_are_those_of_each_scene_alone(rng):
     lower, upper = limits_by_scene(chosen, shown, 0.95)
 
     for scene in range(3):
-        alone = two_way(chosen[:, [scene]], shown[:, [scene]]).limits(0.95)
-        assert (lower[scene], upper[scene]) == pytest.approx(alone)
+        alone = [*map(float, two_way(chosen[:, [scene]], shown[:, [scene]]).limits(0.95))]
+        assert [lower[scene], upper[scene]] == pytest.approx(alone)
     assert np.isnan(limits_by_scene(chosen[:1], shown[:1], 0.95)[0]).tolist() == [True] * 3
 
 
