@@ -231,10 +231,11 @@ def _methods(found: RatingResults, plan: RatingPlan) -> str:
     law = f"t of {' to '.join(dict.fromkeys((*df[:1], *df[-1:])))}" if df else "t of as many"
     corrected = "Holm-adjusted" if plan.correction == "holm" else "not adjusted"
     over = f", {corrected} over {count} comparisons" * (count > 1)
+    formula = f" (rating ~ condition + {' + '.join(lme4_effects(model.sd))})" * bool(plan.by)
     return (
         f"Answers are {kind} on {len(model.categories)} categories, analysed by a cumulative-link"
         f" mixed model ({model.link}; McCullagh, 1980; Laplace approximation), random over"
-        f" {', '.join(model.sd)}. Differences have p and limits by"
+        f" {', '.join(model.sd)}{formula}. Differences have p and limits by"
         f" {tests_of(model.contrasts)} are {law} degrees of freedom, two-sided, alpha ="
         f" {leading(f'{plan.alpha:g}')}{over}."
     )

@@ -108,6 +108,8 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
     def show(self, found: RightModels, plan: RatePlan) -> Presentation:
         """Return the three beside each other, and the mixed one's terms as sentences."""
         groups, formula = found.groups, found.independent.formula
+        effects = lme4_effects(found.mixed.random_sd, own_names=True)
+        crossed = " + ".join([formula, *effects])
         random = "as crossed" if len(groups) > 1 else f"{groups[0]}s as"
         terms = _terms(found)
         blocks = (
@@ -155,7 +157,8 @@ class ModelsPart(SimplePart[RatePlan, RightModels]):
                 f"Logistic models, {formula}, are given with trials as independent, with standard"
                 f" errors clustered by {' and '.join(groups)}, and with"
                 f" {'both ' * (len(groups) > 1)}{random} random intercepts and effects that differ"
-                f" between them, by {law_of_mixed(scenes=len(groups) > 1)}."
+                f" between them{f' ({crossed})' * bool(effects)}, by"
+                f" {law_of_mixed(scenes=len(groups) > 1)}."
             ),
             tables={
                 "models.csv": terms.frame(),

@@ -33,7 +33,7 @@ from analysis.parts.shared import (
     tests_of,
 )
 from analysis.plots import reaction_plot
-from analysis.repeat import scripts
+from analysis.repeat import lme4_effects, scripts
 from analysis.report.result_table import (
     T_DF,
     ResultColumn,
@@ -241,7 +241,8 @@ def _methods(found: Times) -> Iterator[str]:
     if found.model is not None:
         yield (
             "Their logarithms were also fitted by a linear mixed model (REML), random over"
-            f" {', '.join(_deviations(found.model))}; ratios are judged, and have limits, by"
+            f" {', '.join(_deviations(found.model))} (log(rt_s) ~ condition +"
+            f" {' + '.join(lme4_effects(found.model.sd))}); ratios are judged, and have limits, by"
             f" {tests_of(found.model.ratios)} are {law_of_mixed(scenes=found.model.scenes > 1)}"
             f"{', Holm-adjusted' * (len(found.model.ratios) > 1)}."
         )

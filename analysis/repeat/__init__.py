@@ -42,20 +42,22 @@ def scripts(name: str, *languages: str, **settings: object) -> dict[str, str]:
     }
 
 
-def lme4_effects(names: Iterable[str]) -> list[str]:
+def lme4_effects(names: Iterable[str], *, own_names: bool = False) -> list[str]:
     """Return the random effects of a model here as lme4 and ordinal write them.
 
     Intercepts have a group's name. In a condition ``x`` and what is compared follow, and a slope,
-    whose group is named last, is along the level.
+    whose group is named last, is along the level. With `own_names` these stand in their place.
     """
     found = []
     for name in names:
         slope, _, group = name.rpartition(" | ")
-        inner, within, _ = group.partition(" x ")
+        inner, within, condition = group.partition(" x ")
         if slope:
-            found.append(f"(0 + centred | {group})")
+            along = slope.partition(" from ")[0] if own_names else "centred"
+            found.append(f"(0 + {along} | {group})")
         else:
-            found.append(f"(1 | {inner}:condition)" if within else f"(1 | {group})")
+            condition = condition if own_names else "condition"
+            found.append(f"(1 | {inner}:{condition})" if within else f"(1 | {group})")
     return found
 
 

@@ -122,7 +122,7 @@ SAID = {
         "section": "ratings",
         "caption": "Places on the latent axis",
         "sentence": "was rated",
-        "methods": "ordered ratings on 4 categories",
+        "methods": "(rating ~ condition + (1 | participant)",
         "tables": {"ratings.csv", "comparisons.csv", "thresholds.csv"},
         "figure": "ratings",
     },
@@ -197,7 +197,7 @@ SAID = {
     "models": {
         "section": "other",
         "caption": "Logistic models of right answers",
-        "methods": "Logistic models, logit(correct) ~ 1",
+        "methods": "between them (logit(correct) ~ 1",
         "tables": {"models.csv"},
     },
     "people": {
