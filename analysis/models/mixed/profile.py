@@ -24,8 +24,9 @@ ONE_MAXIMUM = 1e-4
 _LONGEST = 30
 _NEAR_ENOUGH = 1e-4
 _FARTHEST = 10.0
-"""Steps in search of a limit, the share of the way that may be left, and how far to go, in
-distances to where it begins; beyond there is none."""
+_NARROW = 1e-6
+"""Steps in search of a limit, and the share of the way that may be left; in distances to where it
+begins, how far to go, beyond which there is none, and the least step."""
 _NEAR = 2.0
 """Ratio of two distances up to which one is a place to begin in search of the other."""
 
@@ -52,6 +53,9 @@ def profile_end(beyond: Callable[[float], float], value: float, first: float) ->
             inside = now
         else:
             outside = now
+        # Where one maximum takes over from another the root leaps, and nothing lies near enough.
+        if abs(now[0] - last[0]) <= _NARROW * abs(first - value):
+            break
         # The root is nearly straight: the next place is on the line through the last two.
         rise = (now[1] - last[1]) / (now[0] - last[0])
         at = now[0] - now[1] / rise if rise else math.inf
