@@ -354,7 +354,7 @@ def test_scenes_that_are_none_have_no_deviation(trials):
     told = shown("reaction", options, TABLES["ratings"][2](), "times")
     assert "scenes " in texts(told.blocks)
     effects = "participants, scenes, participants x conditions, scenes x conditions"
-    assert f"random over {effects};" in told.methods
+    assert f"random over {effects} (log(rt_s) ~ condition + (1 | participant)" in told.methods
     assert "scenes x conditions 0" in texts(told.blocks)
 
 
