@@ -58,9 +58,10 @@ WITHHELD = (
     "[times]",
     "[random_effects]",
     "[scale].sizes[].contrasts",
+    "[preferences].scene_limits",
 )
 """Models that say which of their terms the data do not identify; these have no number. A residual
-has no intraclass correlation, and a scale of too few people no limits."""
+has no intraclass correlation; a scale of too few people, and a scene that one saw, no limits."""
 
 
 def not_finite(value: object, path: str = "") -> Iterator[str]:
