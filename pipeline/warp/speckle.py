@@ -2,9 +2,9 @@
 
 A hole takes the farthest depth of the quads that tore there, so one wrong pixel beside it decides
 the whole of it. Measured depth has such pixels, alone and in small clumps, most of all along
-silhouettes. They take depth and motion from around them before anything is warped. Then the
-silhouettes themselves, which are ragged, and which nothing measured in places, follow the colours:
-else the warp would comb them. Rendered depth is right, and is left alone.
+silhouettes, which are ragged, and which nothing measured in places: the warp would comb them.
+Before anything is warped, what is beside a step in depth follows the colours around it (`mends`).
+Rendered depth is right, and is left alone.
 
 Both twins of the warp are given what is mended here: there is no twin of this.
 
@@ -23,17 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pipeline.frame import Bools, Floats, SourceFrame, WarpedFrame
+from pipeline.frame import SourceFrame, WarpedFrame
 
-LEAST_ALIKE = 12  # pixels of the 7x7 around one, itself included, that bear it out
-WINDOW_PX = 3  # pixels this far along rows and columns are in the window
-WIDER_PX = (3, 6, 12)  # windows in which a mend is looked for, in turn
 SAME_SURFACE = 0.04  # steps of 1 - z_near / z up to this are of one surface
 NEAR_PERCENTILE = 1.0  # of depth, for z_near: outliers do not set it
 CHUNK = 1 << 14  # pixels whose windows are looked at in one go
 NEAR_PX = 2.0  # standard deviation of the weight by distance: a silhouette is so wide
 COLOUR_NOISE = 0.06  # and of that by colour
-SILHOUETTE_PX = 6  # three of the former: so far from a step in depth pixels are judged, and judge
+UNALIKE = 0.1  # weight of a pixel of any other colour: nothing bears out a pixel that is alone
+SILHOUETTE_PX = 6  # three of `NEAR_PX`: so far from a step in depth pixels are judged, and judge
 UNMEASURED = 0.1  # weight of depth that was set where none was measured
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -42,60 +40,19 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 def taken(
     plane: NDArray[Scalar], pixel: NDArray[np.intp], source: NDArray[np.intp]
 ) -> NDArray[Scalar]:
-    """Copy a plane, with what it has at `source` put at `pixel`, each (N, 2)."""
-    result = plane.copy()
-    result[tuple(pixel.T)] = plane[tuple(source.T)]
-    return result
+    """Copy a plane, with what it has at `source` put at `pixel`, flat indices of (H, W)."""
+    result = plane.reshape(-1, *plane.shape[2:]).copy()
+    result[pixel] = result[source]
+    return result.reshape(plane.shape)
 
 
 def mends(frame: SourceFrame) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the pixels whose depth is mended and the pixel that each is to be like, (N, 2) each.
+    """Return the pixels whose depth is mended and the pixel that each is to be like, flat.
 
-    Outliers are mended first, then silhouettes.
-    """
-    own = np.arange(frame.depth_m.size).reshape(frame.size)
-    first = outlier_mends(frame.depth_m)
-    second = silhouette_mends(replace(frame, depth_m=taken(frame.depth_m, *first)))
-    like = taken(taken(own, *first), *second)
-    pixel = np.argwhere(like != own)
-    return pixel, np.stack(np.divmod(like[tuple(pixel.T)], frame.size[1]), axis=-1)
-
-
-def outlier_mends(
-    depth_m: NDArray[np.float32],
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the pixels that are outliers and the pixel that each is to be like, (N, 2) each.
-
-    That is the median, in depth, of what is no outlier in the smallest window of `WIDER_PX` that
-    holds any. An outlier without one stays as it is.
-    """
-    bad = outliers(depth_m)
-    left = np.argwhere(bad)
-    pixels, sources = [np.zeros((0, 2), np.intp)], [np.zeros((0, 2), np.intp)]
-    for around in WIDER_PX:
-        edge = 2 * around + 1
-        steps = np.stack(np.divmod(np.arange(edge**2), edge), axis=-1) - around
-        good_depth_m = np.pad(np.where(bad, np.nan, depth_m), around, constant_values=np.nan)
-        unmended = []
-        for some in _chunks(left):
-            place = some[:, None] + around + steps
-            found = good_depth_m[place[..., 0], place[..., 1]]
-            count = (~np.isnan(found)).sum(axis=1)
-            middle = np.argsort(found, axis=1, kind="stable")[np.arange(len(some)), count // 2]
-            pixels.append(some[count > 0])
-            sources.append((some + steps[middle])[count > 0])
-            unmended.append(some[count == 0])
-        left = np.concatenate(unmended) if unmended else left
-    return np.concatenate(pixels), np.concatenate(sources)
-
-
-def silhouette_mends(frame: SourceFrame) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return pixels beside a step in depth and the pixel that each is to be like, (N, 2) each.
-
-    Every pixel within `SILHOUETTE_PX` of one is for its own depth, with a weight that falls with
-    its distance and with the difference of its colour. One whose own surface has less than half of
-    the weight is to be like the weighted median, in depth, if as much speaks against its own as
-    one measured pixel of the same colour. The frame is mirrored at its edges.
+    Every pixel within `SILHOUETTE_PX` of one beside a step in depth is for its own depth, with a
+    weight that falls with its distance and with the difference of its colour. One whose own surface
+    has less than half of the weight is to be like the weighted median, in depth, if as much speaks
+    against its own as one measured pixel of the same colour. The frame is mirrored at its edges.
 
     Notes
     -----
@@ -106,7 +63,9 @@ def silhouette_mends(frame: SourceFrame) -> tuple[NDArray[np.intp], NDArray[np.i
     steps = np.stack(np.divmod(np.arange(edge**2), edge), axis=-1) - SILHOUETTE_PX
     steps = steps[(steps**2).sum(axis=-1) <= SILHOUETTE_PX**2]
     fall = ((steps**2).sum(axis=-1) / (2 * NEAR_PX**2)).astype(np.float32)[:, None]
-    guide = _guide(frame.depth_m)
+    finite = frame.depth_m[np.isfinite(frame.depth_m)]
+    near_m = np.percentile(finite, NEAR_PERCENTILE) if finite.size else 1.0
+    guide = 1 - near_m / frame.depth_m.astype(np.float64)
     torn = np.zeros(frame.size, np.bool_)
     torn[1:] |= abs(np.diff(guide, axis=0)) > SAME_SURFACE
     torn[:, 1:] |= abs(np.diff(guide, axis=1)) > SAME_SURFACE
@@ -117,11 +76,12 @@ def silhouette_mends(frame: SourceFrame) -> tuple[NDArray[np.intp], NDArray[np.i
     depth = guide.ravel().astype(np.float32)
     index = np.pad(np.arange(depth.size).reshape(frame.size), SILHOUETTE_PX, mode="reflect")
     pixels, sources = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)]
-    for some in _chunks(np.argwhere(ndimage.maximum_filter(torn, edge))):
-        at = some + SILHOUETTE_PX
+    judged = np.argwhere(ndimage.maximum_filter(torn, edge)) + SILHOUETTE_PX
+    for first in range(0, len(judged), CHUNK):
+        at = judged[first : first + CHUNK]
         here, place = index[tuple(at.T)], index[tuple(np.moveaxis(at + steps[:, None], -1, 0))]
         apart = ((colour[place] - colour[here]) ** 2).sum(axis=-1) / (2 * COLOUR_NOISE**2)
-        weight = trust[place] * np.exp(-apart - fall)
+        weight = trust[place] * np.exp(-fall) * (UNALIKE + (1 - UNALIKE) * np.exp(-apart))
         own = (weight * (abs(depth[place] - depth[here]) <= SAME_SURFACE)).sum(axis=0)
         other = weight.sum(axis=0) - own
         moved = (other > own) & (other > 1)
@@ -131,87 +91,7 @@ def silhouette_mends(frame: SourceFrame) -> tuple[NDArray[np.intp], NDArray[np.i
         middle = order[(2 * total < total[-1:]).sum(axis=0), np.arange(len(here))]
         pixels.append(here)
         sources.append(place[middle, np.arange(len(here))])
-    pixel, source = (
-        np.stack(np.divmod(np.concatenate(found), frame.size[1]), axis=-1)
-        for found in (pixels, sources)
-    )
-    return pixel, source
-
-
-def _guide(depth_m: NDArray[np.float32]) -> Floats:
-    """Return 1 - z_near / z, which an outlier does not set."""
-    finite = depth_m[np.isfinite(depth_m)]
-    near_m = np.percentile(finite, NEAR_PERCENTILE) if finite.size else 1.0
-    guide: Floats = 1 - near_m / depth_m.astype(np.float64)
-    return guide
-
-
-def _chunks(pixels: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Cut (N, 2) into parts whose windows fit memory."""
-    return [pixels[first : first + CHUNK] for first in range(0, len(pixels), CHUNK)]
-
-
-def outliers(depth_m: NDArray[np.float32]) -> Bools:
-    """Return True for pixels that nothing around them bears out, shape (H, W).
-
-    A pixel is borne out if at least `LEAST_ALIKE` of the 7x7 around it have its depth, or if three
-    steps over such pixels lead out of the 5x5 around it: thin things, such as spokes, wires and
-    what is seen between them, go on beyond. And so is one beside a pixel of its depth that is. The
-    frame is mirrored at its edges.
-    """
-    guide = np.pad(_guide(depth_m), WINDOW_PX, mode="reflect")
-
-    def alike(pixel: NDArray[np.intp], y: int, x: int) -> Bools:
-        place = pixel + WINDOW_PX
-        apart = guide[tuple(place.T)] - guide[place[:, 0] + y, place[:, 1] + x]
-        return np.asarray(np.abs(apart) <= SAME_SURFACE)
-
-    pixel = np.argwhere(np.ones(depth_m.shape, np.bool_))
-    for y, x in ((0, 1), (1, 0), (0, -1), (-1, 0)):  # most pixels go on straight
-        ends = [alike(pixel, count * y, count * x) for count in range(1, WINDOW_PX + 1)]
-        pixel = pixel[~np.logical_and.reduce(ends)]
-    edge = 2 * WINDOW_PX + 1
-    lonely, beside = [np.zeros((0, 2), np.intp)], [np.zeros((0, 3, 3), np.bool_)]
-    for some in _chunks(pixel):
-        window = np.zeros((len(some), edge, edge), np.bool_)
-        for y, x in np.ndindex(edge, edge):
-            window[:, y, x] = alike(some, y - WINDOW_PX, x - WINDOW_PX)
-        reached = np.zeros_like(window)
-        reached[:, WINDOW_PX, WINDOW_PX] = True
-        for _ in range(WINDOW_PX):
-            reached = window & _grown(reached)
-        reached[:, 1:-1, 1:-1] = False
-        alone = (window.sum(axis=(1, 2)) < LEAST_ALIKE) & ~reached.any(axis=(1, 2))
-        lonely.append(some[alone])
-        beside.append(window[alone, 2:5, 2:5])
-    return _unborne(depth_m.shape, np.concatenate(lonely), np.concatenate(beside))
-
-
-def _grown(masks: Bools) -> Bools:
-    """Grow each of (N, H, W) masks by a pixel all around."""
-    padded = np.pad(masks, ((0, 0), (1, 1), (1, 1)))
-    height, width = masks.shape[1:]
-    shifted = [padded[:, y : y + height, x : x + width] for y, x in np.ndindex(3, 3)]
-    return np.asarray(np.logical_or.reduce(shifted))
-
-
-def _unborne(shape: tuple[int, ...], pixel: NDArray[np.intp], beside: Bools) -> Bools:
-    """Mark pixels, (N, 2), but for those beside one of their depth that is not marked.
-
-    `beside`, (N, 3, 3), tells which around them have their depth.
-    """
-    bad = np.zeros(shape, np.bool_)
-    bad[tuple(pixel.T)] = True
-    while len(pixel):
-        borne = np.zeros(len(pixel), np.bool_)
-        for y, x in np.ndindex(3, 3):
-            place = (pixel + np.array([y - 1, x - 1])).clip(0, np.array(shape) - 1)
-            borne |= beside[:, y, x] & ~bad[tuple(place.T)]
-        if not borne.any():
-            break
-        bad[tuple(pixel[borne].T)] = False
-        pixel, beside = pixel[~borne], beside[~borne]
-    return bad
+    return np.concatenate(pixels), np.concatenate(sources)
 
 
 # A hole less deep than this in a direction has no rim there. The twin asks three by name.

@@ -132,7 +132,7 @@ class HoleOptions:
     rendered without anti-aliasing, 1 to a file with anti-aliased edges, more to pictures that are
     blurred or enlarged. \[default: 1 for a stereo pair, 0 for a file]"""
     depth_speckle: Annotated[bool | None, typer.Option("--depth-speckle/--no-depth-speckle")] = None
-    r"""Mend depth before the warp: pixels that nothing around them bears out, and silhouettes, by
+    r"""Mend depth before the warp: outliers and silhouettes follow what is around them and of their
     colour. Give --no-depth-speckle to rendered depth, --depth-speckle to a file with measured
     depth. \[default: mend for a stereo pair, leave a file]"""
 
