@@ -218,36 +218,6 @@ def between_df(influence: Floats, effects: Sequence[Effect], variance: float) ->
     return float(two_way_df([np.asarray(own) for own in weights], list(degrees.values())))
 
 
-LEAST_START = 0.1
-"""Least deviation where a search begins: at 0 a likelihood is level in it."""
-
-
-def equal(conditions: Floats, pair: Sequence[int]) -> Floats:
-    """Return a design (rows, conditions) with two of its conditions as one, a column less."""
-    first, second = sorted(pair)
-    together = conditions.copy()
-    together[:, first] += together[:, second]
-    return np.delete(together, second, axis=1)
-
-
-def absorbing(sd: Mapping[str, float], contrast: float) -> list[dict[str, float]]:
-    """Return beginnings of searches without a contrast: each effect in a condition takes it over.
-
-    What all people have in common looks without it like a deviation of people, or of scenes, in
-    a condition, and the likelihood may have a maximum for each.
-    """
-    least = {name: max(float(np.nan_to_num(own)), LEAST_START) for name, own in sd.items()}
-    several = [name for name in sd if name.endswith(IN_CONDITION)]
-    return [
-        {**least, name: math.hypot(least[name], contrast / math.sqrt(2.0))} for name in several
-    ] or [least]
-
-
-def ratio_p(ratio: float, df: float) -> float:
-    """Return p of a likelihood ratio, its root against t."""
-    return float(two_sided_p(math.sqrt(ratio), df))
-
-
 def holm_where_known(values: Sequence[float]) -> list[float]:
     """Return Holm's p of each; NaN where there is none."""
     p = np.array(values)

@@ -1,7 +1,7 @@
 """Profile likelihoods: maxima with a number held, and tests and limits that follow from them."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -9,9 +9,8 @@ import numpy as np
 import scipy
 
 from analysis.arrays import Floats
-from analysis.models.contrasts import ratio_p
 from analysis.models.mixed.inference import cut_of_draws, p_of_draws
-from analysis.models.numeric import two_sided_quantile
+from analysis.models.numeric import two_sided_p, two_sided_quantile
 
 MOST_STEPS, MOST_HALVES = 20, 4
 SMALL_GAIN = 1e-5
@@ -115,7 +114,7 @@ def ratio_test(
     observed = ratio(0.0)
     root = math.copysign(math.sqrt(observed), value)
     if drawn is None:
-        p, cut = ratio_p(observed, df), float(two_sided_quantile(level, df))
+        p, cut = float(two_sided_p(abs(root), df)), float(two_sided_quantile(level, df))
     else:
         p, cut = p_of_draws(observed, drawn), math.sqrt(cut_of_draws(drawn, level))
         if math.isnan(cut):
@@ -179,7 +178,14 @@ class HeldContrast:
     def at(self, value: float) -> tuple[float, Floats]:
         """Return the log likelihood where the contrast has this value, and its parameters."""
         own, side = self.maximum, value > self.value
-        begins = self._maxima.get(side) or self._absorbed(value)
+        begins = self._maxima.get(side)
+        if not begins:
+            sds = own.point[own.deviations.start : own.deviations.stop]
+            missing = (value - self.value) / np.abs(self.along).max()
+            begins = []
+            for sd in absorbing(sds, missing, range(sds.size)):
+                begins.append(own.point.copy())
+                begins[-1][own.deviations] = sd
         tried = [
             held_maximum(own.cost, begin, own.covariance, self.along, value) for begin in begins
         ]
@@ -196,17 +202,18 @@ class HeldContrast:
         found, point = self.at(0.0)
         return max(2.0 * (self.maximum.log_likelihood - found), 0.0), point
 
-    def _absorbed(self, value: float) -> list[Floats]:
-        """Return beginnings of a search: each random effect in turn takes over what is missing."""
-        places = self.maximum.deviations
-        least = self.maximum.point.copy()
-        least[places] = np.maximum(np.abs(least[places]), LEAST_START_SD)
-        missing = (value - self.value) / np.abs(self.along).max()
-        begins = []
-        for place in places:
-            begins.append(least.copy())
-            begins[-1][place] = math.hypot(least[place], missing)
-        return begins or [least]
+
+def absorbing(sd: Floats, missing: float, effects: Sequence[int]) -> list[Floats]:
+    """Return deviations where searches without a contrast begin: an effect in turn takes it over.
+
+    What all people have in common looks without it like a deviation of people, or of scenes, and
+    the likelihood may have a maximum for each.
+    """
+    least = np.maximum(np.abs(sd), LEAST_START_SD)
+    begins = [least.copy() for _ in effects]
+    for begin, effect in zip(begins, effects, strict=True):
+        begin[effect] = math.hypot(begin[effect], missing)
+    return begins or [least]
 
 
 def held_maximum(

@@ -1,5 +1,6 @@
 """Reaction times as a log-normal mixed model: what conditions change, over people and scenes."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -13,8 +14,6 @@ from analysis.models.contrasts import (
     MOST_IN_PAIRS,
     CrossedDesign,
     Difference,
-    absorbing,
-    equal,
     holm_where_known,
     pairs_of,
     wald,
@@ -22,7 +21,7 @@ from analysis.models.contrasts import (
 from analysis.models.mixed.inference import USUAL, Inference
 from analysis.models.mixed.linear_mixed import LinearMixed, fit_linear_mixed
 from analysis.models.mixed.marginal_means import NO_MARGINS, Asked, Margins, margins
-from analysis.models.mixed.profile import ratio_test
+from analysis.models.mixed.profile import absorbing, ratio_test
 from analysis.models.numeric import two_sided_quantile
 from analysis.models.right_answers import FEW_PARTICIPANTS
 
@@ -227,21 +226,23 @@ class _HeldGap:
         """Fit all else; searches begin near `near`."""
         first, second = self.pair
         missing = float(self.near.beta[first] - self.near.beta[second]) - gap
-        sd = {name: self.near.sd[name] / self.near.residual_sd for name in self.effects}
-        return fit_linear_mixed(
-            equal(self.design, self.pair),
-            self.y - gap * self.design[:, first],
-            self.effects,
-            restricted=False,
-            starts=absorbing(sd, missing / self.near.residual_sd),
+        return _likeliest(
+            self.together(), self.y - gap * self.design[:, first], self.effects, self.near, missing
         )
+
+    def together(self) -> Floats:
+        """Return the design (rows, conditions - 1) with the two conditions as one."""
+        first, second = sorted(self.pair)
+        together = self.design.copy()
+        together[:, first] += together[:, second]
+        return np.delete(together, second, axis=1)
 
 
 def _time_ratio(held: _HeldGap, gap: Difference, inference: Inference) -> TimeRatio:
     """Return a gap, judged by t or by drawing times from the model where it is 0."""
 
     def drawn(rng: np.random.Generator) -> float:
-        times = equal(held.design, held.pair) @ less.beta
+        times = held.together() @ less.beta
         times = times + less.residual_sd * rng.standard_normal(times.size)
         for name, code in held.effects.items():
             times += less.sd[name] * rng.standard_normal(int(code.max()) + 1)[code]
@@ -267,8 +268,12 @@ def _by_wald(gap: Difference) -> TimeRatio:
 
 
 def _likeliest(
-    design: Floats, y: Floats, effects: Mapping[str, Ints], near: LinearMixed
+    design: Floats, y: Floats, effects: Mapping[str, Ints], near: LinearMixed, missing: float = 0.0
 ) -> LinearMixed:
-    """Fit by the likelihood itself, whose ratios compare models."""
-    sd = {name: near.sd[name] / near.residual_sd for name in effects}
-    return fit_linear_mixed(design, y, effects, restricted=False, starts=absorbing(sd, 0.0))
+    """Fit by the likelihood itself, whose ratios compare models; a gap is missing in the design."""
+    names = list(effects)
+    sd = np.array([near.sd[name] for name in names]) / near.residual_sd
+    takers = [place for place, name in enumerate(names) if name.endswith(IN_CONDITION)]
+    begins = absorbing(sd, missing / near.residual_sd / math.sqrt(2.0), takers)
+    starts = [dict(zip(names, begin.tolist(), strict=True)) for begin in begins]
+    return fit_linear_mixed(design, y, effects, restricted=False, starts=starts)
