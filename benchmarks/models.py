@@ -33,7 +33,7 @@ from analysis.models.critical_scaling import (
 from analysis.models.curves.critical_likelihood import scaling_d_prime
 from analysis.models.curves.goodness_of_fit import misfits
 from analysis.models.detection import yes_no
-from analysis.models.logistic import glmm_logit, models_beside
+from analysis.models.logistic import glmm_logit
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import paired_ratings, rating_model
 from analysis.models.psychometric import CurveForm, sigmoid
@@ -127,10 +127,7 @@ def _alike(people: int, scenes: int, repeats: int, *, first_scenes: int | None =
     return Design(people, scenes, repeats, *spread, first_scenes=first_scenes)
 
 
-COMPARED = {
-    **{size: _alike(*of) for size, of in SIZES.items()},
-    "40x6x1": _alike(40, 6, 1),
-    "12x5x2": _alike(12, 5, 2),
+APART = {
     **{
         f"{first} people against {more}, 6 scenes x 4": Design(
             first + more, 6, 4, (0.6, 0.3), (0.3, 0.0), first_people=first
@@ -139,6 +136,14 @@ COMPARED = {
     },
     "11 people, 6 scenes against 6": _alike(11, 12, 4, first_scenes=6),
     "20 people, 4 scenes against 16": _alike(20, 20, 2, first_scenes=4),
+}
+"""Studies whose people, or scenes, are of one condition each."""
+
+COMPARED = {
+    **{size: _alike(*of) for size, of in SIZES.items()},
+    "40x6x1": _alike(40, 6, 1),
+    "12x5x2": _alike(12, 5, 2),
+    **APART,
 }
 """Studies whose two conditions are compared; deviations are logits, and of d'."""
 
@@ -176,8 +181,9 @@ def _answered(design: Design, rng: np.random.Generator) -> pd.DataFrame:
 
 def thresholds(design: Design, rng: np.random.Generator) -> Outcome:
     """Simulate and judge a study of thresholds."""
+    table = _answered(design, rng)
     model = fit_thresholds(
-        _answered(design, rng), "level", ("method",), CurveForm(design.guess),
+        table[_one_sided(table, design)], "level", ("method",), CurveForm(design.guess),
         scenes=design.scenes > 1,
     )  # fmt: skip
     one = model.thresholds[0]
@@ -233,7 +239,7 @@ def times(design: Design, rng: np.random.Generator) -> Outcome:
     """Simulate and judge a study of reaction times."""
     table, shift = _crossed(design, rng)
     table["rt_s"] = np.exp(shift + rng.normal(0.0, 0.35, shift.size))
-    one = time_model(table, ("method",)).ratios[0]
+    one = time_model(table[_one_sided(table, design)], ("method",)).ratios[0]
     return one.p, one.lower <= 1.0 <= one.upper
 
 
@@ -242,7 +248,7 @@ def ratings(design: Design, rng: np.random.Generator) -> Outcome:
     table, shift = _crossed(design, rng)
     latent = shift + rng.standard_normal(shift.size)
     table["rating"] = np.digitize(latent, [-1.2, -0.4, 0.4, 1.2])
-    one = rating_model(table, ("method",)).contrasts[0]
+    one = rating_model(table[_one_sided(table, design)], ("method",)).contrasts[0]
     return None if np.isnan(one.p) else (one.p, one.lower <= 0.0 <= one.upper)
 
 
@@ -257,14 +263,6 @@ def graded(design: Design, rng: np.random.Generator) -> Outcome:
     table["rating"] = np.where(turned, -table["rating"], table["rating"])
     one = paired_ratings(table).contrasts[0]
     return None if np.isnan(one.p) else (one.p, one.lower <= 0.0 <= one.upper)
-
-
-def right_answers(design: Design, rng: np.random.Generator) -> Outcome:
-    """Simulate and judge a study of right answers by its mixed model."""
-    table, shift = _crossed(design, rng)
-    table["correct"] = (rng.random(shift.size) < expit(0.8 + shift)).astype(int)
-    one = models_beside("logit(correct) ~ 1 + method", table).mixed.coefficients[1]
-    return one.p, one.lower <= 0.0 <= one.upper
 
 
 def _one_sided(table: pd.DataFrame, design: Design) -> pd.Series:
@@ -406,12 +404,15 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
     for judge in (right_shares, d_primes):
         for name, design in COMPARED.items():
             found.append((judge.__name__, name, design, judge))
+    for first, more in ((10, 10), (4, 16)):
+        design = Design(first + more, first_people=first)
+        name = f"{first} people against {more}"
+        found.append(("thresholds of groups", name, design, thresholds))
     found += [("critical", name, design, critical) for name, design in CRITICAL.items()]
     models: tuple[tuple[Callable[..., Outcome], tuple[float, float], tuple[float, ...]], ...] = (
         (times, (0.3, 0.1), (0.1, 0.2)),
         (ratings, (0.5, 0.3), (0.25, 0.5)),
         (graded, (0.4, 0.0), (0.25, 0.5)),
-        (right_answers, (0.6, 0.7), (0.0, 0.5)),
     )
     for size, (people, scenes, repeats) in SIZES.items():
         for judge, person, deviations in models:
@@ -419,6 +420,9 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
                 scene = (own, 0.0) if judge is graded else (0.3, own)
                 design = Design(people, scenes, repeats, person, scene)
                 found.append((judge.__name__, f"{size}, scene x condition {own:g}", design, judge))
+    for judge in (times, ratings):
+        for name, design in APART.items():
+            found.append((judge.__name__, name, design, judge))
     for size, (people, scenes, repeats) in SIZES.items():
         for own in (0.43, 1.0):
             design = Design(people, scenes, repeats, (0.63, 0.0), (own, 0.0))
