@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict, astuple, replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import moderngl
@@ -13,15 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from benchmarks.shared.output import PagePart, file_to_write, write_record
+from benchmarks.shared.output import PagePart
 from pipeline.frame import WarpedFrame
-from pipeline.gl.context import create_context, describe, release_context
+from pipeline.gl.context import create_context, release_context
 from pipeline.methods.registry import METHODS
 from pipeline.named_classes import Choice
 from pipeline.quality import Quality, interior
 from pipeline.warp.gpu import warp_frame
-from protocols.revision import code_revision, package_version
 from stimuli.scenes.stereo import PAIR_WARP, StereoPair, built_in_pair, load_pair
+from stimuli.score.fovvideovdp import open_fvvdp
+from stimuli.score.viewing_conditions import standard_fhd
 from stimuli.warp.one_frame import warp_and_fill
 
 # Pairs of the Middlebury benchmark, where a folder of them is given: no licence lets us ship them.
@@ -31,6 +32,9 @@ PAIRS = {
     "tsukuba": ("middlebury2001_tsukuba", "imL.png", "groundtruth.png", "imR.png", 16.0),
 }
 PART = PagePart("quality table")
+HEAD = "| method | PSNR dB | SSIM | high-frequency ratio | band error |\n"
+RULE = "| --- | ---: | ---: | ---: | ---: |"
+CELLS = "{0.psnr_db:.2f} | {0.ssim:.3f} | {0.high_frequency_ratio:.2f} | {0.band_error:.3f} |"
 SEEN = 40 / 255  # a difference of a channel that counts as wrong
 BESIDE_PX, APART_PX = 4, 12
 
@@ -73,6 +77,20 @@ def silhouettes(ctx: moderngl.Context, folder: Path | None) -> str:
     return "\n".join(lines)
 
 
+def jods(ctx: moderngl.Context, folder: Path | None, choices: list[Choice]) -> str:
+    """Render as Markdown: FovVideoVDP's JOD in interior holes, a row per pair, as a still."""
+    metric = open_fvvdp(standard_fhd(), None, foveated=False)
+    labels = " | ".join(choice.label for choice in choices)
+    lines = [f"| JOD | {labels} |", "| --- |" + " ---: |" * len(choices)]
+    for name, pair in pairs(folder):
+        truth = np.asarray(pair.right)  # every pair here has one
+        warped, fills = warp_and_fill(ctx, pair.warp_input(), choices, settings=PAIR_WARP)
+        shown = (np.where(interior(warped.hole)[..., None], fill.colour, truth) for fill in fills)
+        found = (float(metric.predict(one, truth, dim_order="HWC")[0]) for one in shown)
+        lines.append(f"| {name} | {' | '.join(f'{jod:.2f}' for jod in found)} |")
+    return "\n".join(lines)
+
+
 def measure(
     ctx: moderngl.Context, pair: StereoPair, choices: list[Choice]
 ) -> tuple[float, dict[str, Quality]]:
@@ -94,67 +112,45 @@ def pairs(folder: Path | None) -> Iterator[tuple[str, StereoPair]]:
             yield name, load_pair(*files, units_per_px=units_per_px)
 
 
-def cells(quality: Quality) -> str:
-    """The four measures, as cells of a row."""
-    return (
-        f"{quality.psnr_db:.2f} | {quality.ssim:.3f} | {quality.high_frequency_ratio:.2f} |"
-        f" {quality.band_error:.3f}"
-    )
-
-
 def table(results: dict[str, tuple[float, dict[str, Quality]]]) -> str:
     """Render as Markdown: one row per pair and method."""
-    lines = [
-        "| pair (interior holes) | method | PSNR dB | SSIM | high-frequency ratio | band error |",
-        "| --- | --- | ---: | ---: | ---: | ---: |",
-    ]
+    lines = [f"| pair (interior holes) {HEAD}| --- {RULE}"]
     for pair, (share, fills) in results.items():
         for method, quality in fills.items():
-            lines.append(f"| {pair} ({100 * share:.1f} %) | {method} | {cells(quality)} |")
+            lines.append(f"| {pair} ({100 * share:.1f} %) | {method} | {CELLS.format(quality)}")
     return "\n".join(lines)
 
 
 def means(results: dict[str, tuple[float, dict[str, Quality]]]) -> str:
     """Render as Markdown: one row per method, its measures averaged over the pairs."""
-    lines = [
-        "| method | PSNR dB | SSIM | high-frequency ratio | band error |",
-        "| --- | ---: | ---: | ---: | ---: |",
-    ]
+    lines = [HEAD + RULE]
     fills = [fill for _, fill in results.values()]
     for method in fills[0]:
         columns = zip(*(astuple(fill[method]) for fill in fills), strict=True)
         mean = Quality(*(sum(column) / len(column) for column in columns))
-        lines.append(f"| `{method}` | {cells(mean)} |")
+        lines.append(f"| `{method}` | {CELLS.format(mean)}")
     return "\n".join(lines)
 
 
 def main(argv: list[str]) -> int:
-    """Measure, print, and store with what the numbers depend on."""
+    """Measure and print, and replace a document's table if asked."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=Path, help="folder of further pairs (Middlebury)")
+    names = [entry.name for entry in METHODS if not entry.takes_path]
+    parser.add_argument("--methods", nargs="+", choices=names, default=names)
+    parser.add_argument("--jod", action="store_true", help="FovVideoVDP too; needs pyfvvdp")
     parser.add_argument("--docs", type=PART.page, help="document whose table of means is replaced")
-    parser.add_argument("--json", type=file_to_write, help="file to store the numbers in")
     arguments = parser.parse_args(argv)
-    choices = [Choice(entry.name) for entry in METHODS if not entry.takes_path]
+    choices = [Choice(name) for name in arguments.methods]
     ctx = create_context()
     try:
-        renderer = str(describe(ctx))
         print(silhouettes(ctx, arguments.pairs))
+        if arguments.jod:
+            print(jods(ctx, arguments.pairs, choices))
         results = {name: measure(ctx, pair, choices) for name, pair in pairs(arguments.pairs)}
     finally:
         release_context(ctx)
     print(table(results))
-    if arguments.json is not None:
-        record = {
-            "version": package_version(),
-            "revision": code_revision(),
-            "renderer": renderer,
-            "pairs": {
-                name: {"hole_share": share, "methods": {m: asdict(q) for m, q in fills.items()}}
-                for name, (share, fills) in results.items()
-            },
-        }
-        write_record(arguments.json, record)
     if arguments.docs is not None:
         PART.replace(arguments.docs, means(results))
     return 0

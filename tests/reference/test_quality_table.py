@@ -1,8 +1,11 @@
 """The table of fill quality in docs/ is made by a command that measures what it says."""
 
+from unittest.mock import Mock
+
 import numpy as np
 
-from benchmarks.quality import PART, means, measure, table
+from benchmarks import quality
+from benchmarks.quality import PART, jods, means, measure, table
 from pipeline.named_classes import Choice
 from pipeline.quality import Quality, interior
 from pipeline.warp.reference import warp
@@ -56,3 +59,18 @@ def test_the_means_replace_what_stands_between_its_markers(tmp_path):
     assert text.startswith("before\n")
     assert text.endswith("after\n")
     assert "| other (1.0 %) | telea | 17.00 | 0.700 | 0.50 | 0.100 |" in table(found)
+
+
+def test_jod_is_of_interior_holes_alone(gl_context, rng, monkeypatch):
+    """With a metric that tells the share of pixels which differ from the truth."""
+    disparity = np.full((48, 64), 2.0, np.float32)
+    disparity[12:36, 24:48] = 10.0
+    left, right = rng.random((2, 48, 64, 3)).astype(np.float32)
+    pair = StereoPair(left, disparity, disparity > 0, 100.0, 0.1, right=right)
+    metric = Mock(predict=lambda test, truth, **_: [(test != truth).any(axis=-1).mean()])
+    monkeypatch.setattr(quality, "open_fvvdp", lambda *_, **__: metric)
+    monkeypatch.setattr(quality, "pairs", lambda _: [("square", pair)])
+
+    share, _ = measure(gl_context, pair, [Choice("push-pull")])
+    line = jods(gl_context, None, [Choice("push-pull")]).splitlines()[-1]
+    assert line == f"| square | {share:.2f} |"

@@ -15,7 +15,6 @@ from benchmarks.shared.output import PagePart, write_record
         ("fill", "--json"),
         ("fill", "--plot"),
         ("foveate", "--json"),
-        ("quality", "--json"),
         ("scores", "--json"),
         ("session", "--json"),
         ("stimuli", "--json"),
