@@ -16,7 +16,9 @@ red, green and blue get another marginal there: the normal distribution function
 ``Phi(mu + s z)``. It lies within the display, and its mean is ``Phi(mu / sqrt(1 + s^2))``, whatever
 s: so mu keeps the base's colour exactly. With s it goes from normal noise to the two ends without
 anything between, as print has it. Where a pool has few colours, its own ends stand for the
-display's. Twin: shaderlib/bounded.glsl. Change both or neither.
+display's. Bent each on its own, channels that go together would part: a cream sky, whose red is
+near white and whose blue is not, would have navy flecks. So they share what room they have, as far
+as the pool's own ends are alike. Twin: shaderlib/bounded.glsl. Change both or neither.
 """
 
 from __future__ import annotations
@@ -282,6 +284,17 @@ FARTHEST = 8.0
 """Deviations from the base that noise leads to at most, bound as free. Farther, a nearly white
 cloud had black specks."""
 
+SURE = 2.0
+"""Factor on a channel's correlation with luma, which tells up to 1 how far it goes with it."""
+LEAST_ALIKE, MOST_ALIKE = 0.5, 0.9
+"""Shared ends of a pool over its channels' own, in room below times room above: from the first on
+they share room, from the second on all of it. Print of many inks would lose variance."""
+LEAST_ROOM, MOST_ROOM = 0.1, 0.5
+"""The same of what the display leaves of the room, in variances."""
+SLACK = 0.05
+"""Deviations that are added to a channel's room, times the cube of how often its deviation is in
+the largest."""
+
 BOUND_CONSTANTS = {
     "FREE": FREE,
     "BOUND": BOUND,
@@ -291,9 +304,45 @@ BOUND_CONSTANTS = {
     "SHARPENED": SHARPENED,
     "EXCESS": EXCESS,
     "FARTHEST": FARTHEST,
+    "SURE": SURE,
+    "LEAST_ALIKE": LEAST_ALIKE,
+    "MOST_ALIKE": MOST_ALIKE,
+    "LEAST_ROOM": LEAST_ROOM,
+    "MOST_ROOM": MOST_ROOM,
+    "SLACK": SLACK,
     "SMALLEST_VARIANCE": SMALLEST_VARIANCE,
 }
 """Constants that bounded.glsl is compiled with."""
+
+
+def along_luma(cross: Floats, variance: Floats, luma: Floats) -> Floats:
+    """Likeness of channels to luma, from -1 to 1, by their covariance and variances."""
+    found: Floats = np.clip(SURE * cross / np.sqrt(variance * luma + SMALLEST_VARIANCE**2), -1, 1)
+    return found
+
+
+def along_pool(along: Floats, deviation: Floats, below: Floats, above: Floats) -> Floats:
+    """Return less of it where the ends of a pool's channels are not alike: print of many inks."""
+    deviation = np.sqrt(deviation**2 + SMALLEST_VARIANCE)
+    below, above = (np.minimum(end / deviation, FARTHEST) for end in (below, above))
+    down, up = shared_room(below, above, deviation, along)
+    alike = down * up / (below * above).min(axis=-1, keepdims=True)
+    found: Floats = along * np.clip((alike - LEAST_ALIKE) / (MOST_ALIKE - LEAST_ALIKE), 0, 1)
+    return found
+
+
+def shared_room(
+    down: Floats, up: Floats, deviation: Floats, along: Floats
+) -> tuple[Floats, Floats]:
+    """The least room of channels (..., 3) along luma, below and above, in deviations: (..., 1).
+
+    A channel that goes against luma has its room the other way round. One that hardly varies, or
+    goes neither way, needs no room.
+    """
+    less = deviation.max(axis=-1, keepdims=True) / deviation
+    slack = SLACK * less**3 / np.maximum(abs(along), SMALLEST_VARIANCE)
+    rooms = (np.where(along < 0, up, down) + slack, np.where(along < 0, down, up) + slack)
+    return rooms[0].min(axis=-1, keepdims=True), rooms[1].min(axis=-1, keepdims=True)
 
 
 def added(
@@ -302,6 +351,7 @@ def added(
     deviation: Floats,
     below: Floats | None = None,
     above: Floats | None = None,
+    along: Floats | None = None,
 ) -> Floats:
     """Add noise to R'G'B' so that it stays within its ends, and keeps its mean.
 
@@ -313,21 +363,32 @@ def added(
         Of red, green and blue; noise is normal, of that deviation.
     below, above : ndarray of shape (..., 3), optional
         How far from the base noise may lead, beside `FARTHEST`.
+    along : ndarray of shape (..., 3), optional
+        How far each goes with luma (`along_luma`), and so shares its room; by default none does.
     """
     deviation = np.sqrt(deviation**2 + SMALLEST_VARIANCE)
-    reach = FARTHEST * deviation
-    low = np.maximum(base - (reach if below is None else np.minimum(below, reach)), 0)
-    width = np.minimum(base + (reach if above is None else np.minimum(above, reach)), 1) - low
-    place, spread = (base - low) / width, deviation / width
-    room = (np.minimum(place, 1 - place) / spread).min(axis=-1, keepdims=True)
+    below, above = (
+        np.minimum(room if own is None else np.minimum(own, room), FARTHEST * deviation) / deviation
+        for own, room in ((below, base), (above, 1 - base))
+    )
+    room = np.minimum(below, above).min(axis=-1, keepdims=True)
     share = np.clip((FREE - room) / (FREE - BOUND), 0, 1)
-    place = np.clip(place, LEAST_VALUE, 1 - LEAST_VALUE)
-    filled = np.minimum(spread**2 / (place * (1 - place)), MOST_FILLED)
+    if along is not None:
+        down, up = shared_room(below, above, deviation, along)
+        enough = np.clip((down * up - LEAST_ROOM) / (MOST_ROOM - LEAST_ROOM), 0, 1)
+        varied = np.minimum(2 * deviation / deviation.max(axis=-1, keepdims=True), 1) ** 2
+        together = abs(along) * varied * enough
+        below = below + together * np.minimum(np.where(along < 0, up, down) - below, 0)
+        above = above + together * np.minimum(np.where(along < 0, down, up) - above, 0)
+    width = below + above
+    place = np.clip(below / width, LEAST_VALUE, 1 - LEAST_VALUE)
+    filled = np.minimum(1 / width**2 / (place * (1 - place)), MOST_FILLED)
     mean = ndtri(place)
     slope = pool_slope(filled * (1 - SHARPENED * filled), place, mean)
     wide = 1 + slope**2
     mean = mean - EXCESS / 24 * (slope**2 / wide) ** 2 * mean * (3 - mean**2)
-    bent = low + width * ndtr(mean * np.sqrt(wide) + slope * noise / deviation)
+    shown = ndtr(mean * np.sqrt(wide) + slope * noise / deviation)
+    bent = base + deviation * (width * shown - below)
     free = base + noise
     changed = np.clip(free + share * (bent - free), 0, 1)
     return np.where((noise != 0).any(axis=-1, keepdims=True), changed, base)

@@ -22,6 +22,8 @@ from pipeline.foveation.pooled_moments import (
     SMALLEST_VARIANCE,
     WantedMoments,
     added,
+    along_luma,
+    along_pool,
     wanted_by_blocks,
 )
 from pipeline.foveation.pooling import MetamerSettings, Pools
@@ -43,7 +45,7 @@ shared weights would show as a comb."""
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Noise of R'G'B', its deviation, and how far it may lead: see `added`.
+    """Noise of R'G'B', its deviation, how far it may lead, and with luma: see `added`.
 
     Arrays (H, W, 3).
     """
@@ -52,11 +54,14 @@ class Noise:
     deviation: Floats
     below: Floats | None = None
     above: Floats | None = None
+    along: Floats | None = None
 
     def on(self, base: Floats, strength: float | Floats = 1.0) -> Floats:
         """Add it to R'G'B' (H, W, 3), as much stronger everywhere or by pixel (H, W)."""
         by = np.asarray(strength, np.float64)[..., None]
-        return added(base, by * self.normal, by * self.deviation, self.below, self.above)
+        return added(
+            base, by * self.normal, by * self.deviation, self.below, self.above, self.along
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,13 +191,16 @@ def lost_noise(
     ycc[..., 0] = by_level.sum(axis=2)
     deviation = at_pixels(deviation_of_all(wanted.variances))
     if chroma == "luma":
-        return Noise(ycc[..., :1].repeat(3, axis=2), deviation.repeat(3, axis=2))
+        luma, deviation = (one.repeat(3, axis=2) for one in (ycc[..., :1], deviation))
+        return Noise(luma, deviation, along=np.ones(3))
     slopes = at_pixels(wanted.slopes.reshape(*wanted.slopes.shape[:2], -1))
     slopes = slopes.reshape(*size, levels, 2)
     ycc[..., 1:] = (by_level[..., None] * slopes).sum(axis=2)
     squares = (weights**2).reshape(*size, levels, 3).sum(axis=3)[..., None]
     variance = (squares * slopes**2).sum(axis=2)
-    shares = (squares * rgb_slopes(slopes) ** 2).sum(axis=2)  # of R'G'B', but for bands' overlap
+    # Of R'G'B', but for bands' overlap.
+    shares = (squares * rgb_slopes(slopes) ** 2).sum(axis=2)
+    cross = (squares * rgb_slopes(slopes)).sum(axis=2)
     if chroma == "full":
         for channel in (1, 2):
             remainder = deviations(wanted.remainders[..., channel - 1])
@@ -203,11 +211,13 @@ def lost_noise(
             shares += rest[..., None] * RGB_FROM_YCBCR[:, channel] ** 2
     luma = squares.sum(axis=2)
     deviation = deviation * np.sqrt(np.divide(shares, luma, out=0 * shares, where=luma > 0))
-    normal = rgb_from_ycbcr(ycc).astype(np.float64)
+    normal, along = rgb_from_ycbcr(ycc).astype(np.float64), along_luma(cross, shares, luma)
     if wanted.shape is None:
-        return Noise(normal, deviation)
+        return Noise(normal, deviation, along=along)
     coloured = variance.sum(axis=2, keepdims=True) / np.maximum(luma, SMALLEST_VARIANCE)
-    return Noise(normal, deviation, *reach_of(at_pixels(wanted.shape), deviation, coloured))
+    below, above = reach_of(at_pixels(wanted.shape), deviation, coloured)
+    along = along_pool(along, deviation, below, above)
+    return Noise(normal, deviation, below, above, along)
 
 
 def rgb_slopes(slopes: Floats) -> Floats:

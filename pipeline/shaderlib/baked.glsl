@@ -147,14 +147,17 @@ vec3 baked_colour(vec2 place_px, float rho, float eta, float strength) {
         for (int k = 0; k < HALVINGS; ++k)
             given[k] *= (asked[k] + UNSEEN_VARIANCE) / (measured[k] + UNSEEN_VARIANCE);
     }
-    vec3 noise = vec3(0.0), variance = vec3(0.0);  // independent by level and band
+    vec3 noise = vec3(0.0), cross_luma = vec3(0.0);
+    vec4 variance = vec4(0.0);  // of R'G'B' and luma; independent by level and band
     for (int k = 0; k < HALVINGS; ++k)
         if (asked[k] != vec3(0.0)) {
             vec3 least = LEAST_GAIN * LEAST_GAIN * asked[k], most = MOST_GAIN * MOST_GAIN * asked[k];
             vec3 own = clamp(given[k], least, most);
             vec3 along = RGB_FROM_YCBCR * vec3(1.0, slopes[k]);
-            variance += (own.x + own.y + own.z) * along * along;
+            float square = own.x + own.y + own.z;
+            variance += square * vec4(along * along, 1.0);
+            cross_luma += square * along;
             noise += dot(sqrt(own), noise_at(k, place_px)) * along;
         }
-    return added(base, strength * noise, spread_of(strength * strength * variance));
+    return added(base, strength * noise, spread_of(strength * strength * variance.rgb, cross_luma, variance));
 }

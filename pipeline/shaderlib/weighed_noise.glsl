@@ -38,8 +38,10 @@ Spread held(Spread spread, vec3 skew, float tightness, float coloured) {
     vec3 lean = 1.5 * skew * (1.0 + tightness), total = abs(lean) + sqrt(lean * lean + tightness);
     vec3 scale = spread.deviation * max(ROOMY, COLOURED / max(coloured, SMALLEST_VARIANCE));
     vec3 near = scale / total, far = scale * total / tightness;
-    bvec3 low = lessThan(lean, vec3(0.0));
-    return Spread(spread.deviation, spread.rate, mix(near, far, low), mix(far, near, low));
+    spread.below = where_against(lean, far, near);
+    spread.above = where_against(lean, near, far);
+    spread.along *= alike(spread);
+    return spread;
 }
 
 // Shares of the four blocks around a cell, as textureGather() has them, in each of its pixels: a
@@ -85,6 +87,7 @@ void add_noise(ivec2 cell, mat3x4 noise[LEVELS]) {
     }
     mat4 shares = shares_of(cell);
     Noise sum = Noise(vec4(0.0), vec4(0.0), vec4(0.0));
+    vec3 cross_luma = vec3(0.0);
     vec4 varies = vec4(0.0);  // variances of R'G'B' and luma, but for bands' overlap
     float variance = 0.0;     // of chroma
     for (int level = 0; level < LEVELS; ++level) {
@@ -105,9 +108,11 @@ void add_noise(ivec2 cell, mat3x4 noise[LEVELS]) {
         float square = dot(weight.xyz, weight.xyz);
         variance += square * dot(slope, slope);
         varies += square * vec4(along * along, 1.0);
+        cross_luma += square * along;
     }
     float by = strength * scalars[LEVELS];
-    Spread spread = spread_of(by * by * (varies.a > 0.0 ? varies.rgb / varies.a : vec3(0.0)));
+    vec3 parts = varies.a > 0.0 ? varies.rgb / varies.a : vec3(0.0);
+    Spread spread = spread_of(by * by * parts, cross_luma, varies);
 #if BENT
     vec3 skew = vec3(scalars[LEVELS + 1], scalars[LEVELS + 2], scalars[LEVELS + 3]);
     spread = held(spread, skew, scalars[LEVELS + 4], variance / max(varies.a, SMALLEST_VARIANCE));

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, added
+from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE, added, along_luma
 from pipeline.foveation.reference import rgb_slopes
 from pipeline.frame import Bools, Floats
 from pipeline.textures.bake import BakedTexture
@@ -69,12 +69,14 @@ def shade(baked: BakedTexture, fragments: Fragments, noise: SurfaceNoise) -> Sha
     weights = np.sqrt(variances) * gains(variances, fragments.rho)
     along = rgb_slopes(np.moveaxis(slopes, 1, -1))
     # Noise is independent by level and band.
-    deviation = np.sqrt(((weights**2).sum(axis=1)[..., None] * along**2).sum(axis=0))
+    squares = (weights**2).sum(axis=1)[..., None]
+    luma, cross, variance = (np.sum(squares * along**power, axis=0) for power in range(3))
     rgb = np.zeros((*lod.shape, 3))
     for level in np.flatnonzero([energy.any() for energy in lost]).tolist():
         own = np.moveaxis(noise.at(level, fragments.place_px), -1, 0)
         rgb += (weights[level] * own).sum(axis=0)[..., None] * along[level]
-    return ShadedColour(base, added(base, rgb, deviation) - base)
+    together = along_luma(cross, variance, luma)
+    return ShadedColour(base, added(base, rgb, np.sqrt(variance), along=together) - base)
 
 
 def lost_energy(level: int, rho: NDArray[np.floating], lod: NDArray[np.floating]) -> Floats:

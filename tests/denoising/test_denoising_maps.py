@@ -40,7 +40,7 @@ def test_moments_of_a_clean_picture_make_its_metamer(picture, gaze_px, monkeypat
 
     Where the change fades in, maps hold the faded base: noise is bound a little otherwise.
     """
-    monkeypatch.setattr(reference, "reach_of", lambda *_: (None, None))
+    monkeypatch.setattr(reference, "reach_of", lambda *_: (np.full(3, 9.0), np.full(3, 9.0)))
     pools = pools_at(gaze_px)
     maps = maps_of(picture, pools)
 

@@ -5,6 +5,7 @@ from functools import partial
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.special import ndtr
 from scipy.stats import norm
 from skimage import data
@@ -17,7 +18,7 @@ from pipeline.denoising.gpu import DenoisePass
 from pipeline.denoising.maps import maps_of, metamer_of
 from pipeline.foveation.conditions import foveate
 from pipeline.foveation.geometry import Flat
-from pipeline.foveation.pooled_moments import added, pool_slope
+from pipeline.foveation.pooled_moments import added, along_pool, pool_slope
 from pipeline.foveation.pooling import MetamerSettings, Pooling, Pools
 from pipeline.foveation.reference import finished, metamer, metamer_parts
 from pipeline.noise.gains import fitted_mixing
@@ -67,6 +68,21 @@ def pale_sky(edge):
     return np.asarray(sky + cloud * (1 - sky), np.float32)
 
 
+def cream_sky(edge):
+    """A slow gradient from cream to grey, with the dark row at the border that scanners leave."""
+    down = np.mgrid[:edge, :edge][0][..., None] / edge
+    sky = np.array([0.99, 0.95, 0.80]) - down * np.array([0.12, 0.12, 0.10])
+    sky[0] = sky[-1] = sky[:, 0] = sky[:, -1] = 0.03
+    sky += np.random.default_rng(1).normal(0, 0.006, sky.shape)
+    return np.asarray(sky.clip(0, 1), np.float32)
+
+
+def cream_photograph(edge):
+    """A photograph in warm light, whose red is nearest to white."""
+    photograph = as_floats(data.rocket()[-edge:, 60 : 60 + edge])
+    return photograph * np.float32([1, 0.95, 0.8]) + np.float32([0, 0, 0.02])
+
+
 EDGE = 192
 BLUE, RED, YELLOW, CYAN = (0, 0, 255), (255, 0, 0), (255, 255, 0), (0, 255, 255)
 PICTURES = {
@@ -84,6 +100,7 @@ COLOURFUL = {
     "black on orange": partial(text_page, paper=(255, 160, 0)),
     "coloured lines": coloured_lines,
     "hues": hues,
+    "cream sky": cream_sky,
     "saturated photograph": lambda edge: saturated(data.coffee()[:edge, 200 : 200 + edge]),
 }
 # Even probabilities of a normal distribution.
@@ -265,3 +282,64 @@ def test_metamers_of_photographs_lose_nothing_by_the_bound():
     picture = (data.astronaut()[:256, 130:386] / 255).astype(np.float32)
     shown = metamer(picture, pools_of(256), MetamerSettings(), 1)
     assert statistics_distance(shown, picture) < 0.15
+
+
+def flecks(shown, picture, eccentricity_deg):
+    """Share of pixels beyond 5 degrees with more of a hue than any within 64 px, by 15 of 255."""
+
+    def hues_of(image):
+        red, green, blue = np.moveaxis(np.rint(255 * image).astype(int), 2, 0)
+        for one, two, three in ((red, green, blue), (green, blue, red), (blue, red, green)):
+            yield one - np.maximum(two, three)
+            yield np.minimum(two, three) - one
+
+    shares = []
+    for found, known in zip(hues_of(shown), hues_of(picture), strict=True):
+        most = cv2.dilate(known.clip(0).astype(np.int16), np.ones((129, 129), np.uint8))
+        shares.append((found > most + 15)[eccentricity_deg > 5].mean())
+    return max(shares)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "draw",
+    [cream_sky, cream_photograph, COLOURFUL["black on orange"], COLOURFUL["blue on yellow"]],
+)
+def test_metamers_have_no_hue_that_the_pool_lacks(draw):
+    """Channels bent each on its own would part: .6 % navy in the sky, 14 % red on orange paper."""
+    picture, pools = draw(384), pools_of(384)
+    shown = metamer(picture, pools, MetamerSettings(), 1)
+    assert flecks(shown, picture, pools.eccentricity_deg()) < 3e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["kodim08", "kodim19", "kodim21"])
+def test_metamers_of_photographs_have_no_hue_that_the_pool_lacks(shared_data, name):
+    with Image.open(shared_data / "textures/kodak" / f"{name}.png") as opened:
+        picture = as_floats(np.asarray(opened.convert("RGB"))[:384, 100:484])
+    pools = pools_of(384)
+    shown = metamer(picture, pools, MetamerSettings(), 1)
+    assert flecks(shown, picture, pools.eccentricity_deg()) < 2e-4
+
+
+def test_channels_that_go_together_share_their_room_and_keep_their_means():
+    """Cream: red is .1 below white, and blue .3. Blue falls no farther than red where both fall."""
+    base, deviation = (
+        np.tile([0.9, 0.7], 4000).reshape(-1, 2)[:, [0, 0, 1]],
+        np.full((4000, 3), 0.2),
+    )
+    noise, along = np.outer(0.2 * NORMAL, np.ones(3)), np.ones(3)
+    apart, together = (added(base, noise, deviation, along=one) for one in (None, along))
+    assert np.ptp(together[..., 0] - together[..., 2]) < 0.1
+    assert np.ptp(apart[..., 0] - apart[..., 2]) > 0.15
+    np.testing.assert_allclose(together.mean(axis=0), base[0], atol=2 / 255)
+    against = added(1 - base, -noise, deviation, along=-along)
+    np.testing.assert_allclose(against, 1 - together, atol=1e-9)
+
+
+def test_print_of_many_inks_shares_no_room():
+    """Red reaches far down, blue far up: what both have holds a quarter of the variance."""
+    far, near, wide = np.array([2.0, 2.0, 0.5]), np.array([0.5, 0.5, 2.0]), np.ones(3)
+    assert (along_pool(wide, wide, far, near) == 0).all()
+    assert (along_pool(wide, wide, far, far[[2, 2, 2]]) > 0.99)[:2].all()
+    assert (along_pool(np.array([1, 1, -1]), wide, far, near) == (1, 1, -1)).all()

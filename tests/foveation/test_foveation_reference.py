@@ -205,7 +205,7 @@ def test_the_finest_pools_are_as_wide_as_the_low_pass():
 
 
 def all_of_the_display(*_):
-    return None, None
+    return np.full(3, 9.0), np.full(3, 9.0)
 
 
 def test_chroma_goes_with_luma_as_it_did(rng, monkeypatch):
