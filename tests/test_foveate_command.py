@@ -403,6 +403,32 @@ def test_a_panorama_of_light_is_exposed_by_a_percentile_and_it_is_said(tmp_path)
     assert "darken it by --stops" in refusal(*given, "--panorama", "--stops", 0)
 
 
+def test_light_below_nothing_is_none_and_it_is_said(tmp_path):
+    """Lossy compression leaves such light (DWA)."""
+    light = np.full((32, 64, 3), 0.25, np.float32)
+    light[5, 7], light[0, 0] = -0.01, 3.0
+    write_pixels(tmp_path / "around.exr", light, ("R", "G", "B"))
+    given = (tmp_path / "around.exr", tmp_path / "out.exr", "-m", "reference", *FAST)
+    for more in (("--panorama",), ("--clip",), ("--stops", -1.6)):
+        _, said, _ = run(*given, *more)
+        assert "0.049 % of its light is below 0, to -0.0" in " ".join(said.split())
+        assert (read_pixels(tmp_path / "out.exr").data[5, 7] == 0).all()
+
+
+def test_one_lamp_does_not_make_a_panorama_black(tmp_path):
+    """By hand: nearly .36 is brought to mid grey by one stop; 2.4 % of the pixels are the lamp."""
+    light = np.full((64, 128, 3), 0.3599, np.float32)
+    light[20:34, 40:54] = 900
+    write_pixels(tmp_path / "around.exr", light, ("R", "G", "B"))
+    given = (tmp_path / "around.exr", tmp_path / "out.exr", "-m", "reference", *FAST)
+    _, said, _ = run(*given, "--panorama")
+    said = " ".join(said.split())
+    assert "shown as with --stops -1.0 --clip, by which 97.6 % of its pixels lie in 0..1" in said
+    assert "most would be black" in said
+    shown = read_pixels(tmp_path / "out.exr").data
+    np.testing.assert_allclose(shown[0, 0], 0.18, rtol=4e-3)
+
+
 # --- mistakes ----------------------------------------------------------------------------
 
 

@@ -198,6 +198,8 @@ def _chosen_bits(path: Path, bits: int | None, offered: tuple[int, int]) -> int:
 
 
 EXPOSED_SHARE = 0.99
+LEAST_MEDIAN, MID_GREY = 0.02, 0.18
+"""Light of the median pixel: darker than the first by `EXPOSED_SHARE`, it is made the second."""
 _GREY = ("Y", "L", "I")
 
 
@@ -217,7 +219,8 @@ class PictureReading:
         A float file holds encoded colour, not light.
     exposed : bool
         Darken light that a display cannot show until `EXPOSED_SHARE` of its pixels can be shown,
-        and clip the rest: panoramas that hold a sun.
+        and clip the rest: panoramas that hold a sun. Where lamps would make all else black, the
+        median decides.
     """
 
     background: float = 0.5
@@ -394,18 +397,25 @@ def _shown(
         raise InputError(f"{path}: stops are for light (this file holds encoded colour)")
     light = stored.astype(np.float64) * 2.0**reading.stops
     low, high = float(light.min()), float(light.max())
+    if low < 0 and not encoded:
+        notes.append(f"{100 * (light < 0).mean():.2g} % of its light is below 0, to {low:.3g}: 0")
+        light, low = np.maximum(light, 0), 0.0
     notes.append(
         "floats: taken as encoded colour"
         if encoded
         else "floats: taken as scene-linear light with sRGB primaries, encoded by the sRGB curve"
     )
     clip = reading.clip
-    if reading.exposed and not encoded and high - 1 > NEARLY and -low <= NEARLY:
-        brightest = max(1.0, float(np.quantile(light.max(axis=-1), EXPOSED_SHARE)))
-        stops = math.floor(-10 * math.log2(brightest)) / 10
+    if reading.exposed and not encoded and high - 1 > NEARLY:
+        brightest = light.max(axis=-1)
+        whole, median = max(1.0, float(np.quantile(brightest, EXPOSED_SHARE))), np.median(brightest)
+        dark = whole > 1 and median < LEAST_MEDIAN * whole
+        stops = math.floor(-10 * math.log2(max(1, median / MID_GREY) if dark else whole)) / 10
+        share = float((brightest * 2.0**stops <= 1 + NEARLY).mean())
         notes.append(
             f"its light reaches {high:.4g}: shown as with --stops {reading.stops + stops:.1f}"
-            f" --clip, by which {100 * EXPOSED_SHARE:g} % of its pixels lie in 0..1"
+            f" --clip, by which {100 * share:.3g} % of its pixels lie in 0..1"
+            + (f"; at {100 * EXPOSED_SHARE:g} % most would be black" if dark else "")
         )
         light, clip = light * 2.0**stops, True
     if clip or max(high - 1, -low) <= NEARLY:
@@ -414,7 +424,7 @@ def _shown(
             notes.append(f"{100 * share:.2g} % of its values clipped to what a display shows")
         light = np.clip(light, 0, 1)
     else:
-        mend = "lower its exposure" if high > 1 else "raise its least light to 0"
+        mend = "lower its exposure" if high > 1 else "raise its least value to 0"
         cure = "clip it with --clip" if options else f"{mend}, or save it as PNG"
         if high > 1 and not encoded and options:
             stops = reading.stops + math.floor(-10 * math.log2(high)) / 10
