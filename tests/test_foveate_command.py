@@ -429,6 +429,27 @@ def test_one_lamp_does_not_make_a_panorama_black(tmp_path):
     np.testing.assert_allclose(shown[0, 0], 0.18, rtol=4e-3)
 
 
+def test_a_frame_of_one_pixel_is_noted(tmp_path, colour):
+    plain = 0.6 + 0.1 * colour
+    framed = plain.copy()
+    framed[0] = framed[:, -1] = 0.02
+    for name, picture in (("framed", framed), ("plain", plain), ("textured", colour)):
+        save_colour(tmp_path / f"{name}.png", picture)
+        _, said, _ = run(tmp_path / f"{name}.png", tmp_path / "out.png", *FAST)
+        told = "its upper row, right column differs much from the next" in " ".join(said.split())
+        assert told == (name == "framed")
+
+
+def test_a_grey_has_a_name_or_a_number(tmp_path):
+    Image.new("RGBA", (64, 48), (255, 0, 0, 0)).save(tmp_path / "clear.png")
+    given = (tmp_path / "clear.png", tmp_path / "out.png", "-m", "reference", *FAST)
+    for grey, value in (("white", 1.0), ("black", 0.0), ("0.2", 0.2)):
+        run(*given, "--background", grey)
+        np.testing.assert_allclose(load_colour(tmp_path / "out.png"), value, atol=1e-6)
+    for wrong in ("whitish", "1.5", "nan"):
+        assert "white, black, or a grey from 0 to 1" in refusal(*given, "--background", wrong)
+
+
 # --- mistakes ----------------------------------------------------------------------------
 
 

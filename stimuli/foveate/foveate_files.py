@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import moderngl
+import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import FlatGeometry
@@ -38,6 +39,8 @@ from stimuli.media.gaze_and_display import (
 )
 
 LEAST_SCORED_PX = 32
+ODD_BORDER = 0.15
+"""Difference of an outermost row from the next one, in the mean, from which on a note tells it."""
 METAMER = Choice("metamer")
 
 
@@ -47,7 +50,7 @@ class Outputs:
 
     Parameters
     ----------
-    out : Path
+    out : Path, optional
         What the first choice shows: .png (of as many bits as the picture), or .exr.
     compare : Path, optional
         A sheet of the picture with its pools, and all choices: .png.
@@ -63,7 +66,7 @@ class Outputs:
         Longer edge of the moving pictures, and of the page's.
     """
 
-    out: Path
+    out: Path | None = None
     compare: Path | None = None
     steps: Path | None = None
     score: Path | None = None
@@ -131,7 +134,8 @@ def foveate_file(
     Returns
     -------
     list of ConditionPicture
-        What each choice shows: `ConditionPicture.colour` is encoded R'G'B' of shape (H, W, 3).
+        What each choice shows: `ConditionPicture.colour` is encoded R'G'B' of shape (H, W, 3). None
+        where only moving pictures and a page are asked for.
 
     Raises
     ------
@@ -157,14 +161,31 @@ def foveate_file(
     if asked.score is not None:
         _check_scorable(work)
     if asked.page is not None:
-        pages.check_page(
-            opened.size, looking.viewing, choices[0], asked.size_px or pages.LONGEST_PX
-        )
+        pages.check_page(looking.viewing, choices[0])
     tell(f"{width} x {height} px")
     tell(looking.words)
     tell(gaze_words(work.gaze_px, looking.geometry))
-    reporter.note((*opened.notes, *looking.notes))
+    reporter.note((*opened.notes, *looking.notes, *border_notes(opened)))
     return _write(work, asked)
+
+
+def border_notes(picture: AnyPicture) -> tuple[str, ...]:
+    """Return a note on outermost rows and columns that the next ones are nothing like."""
+    stored, whole = picture.stored, 255 if picture.stored.dtype == np.uint8 else 1
+    edges = {"upper row": stored, "lower row": stored[::-1]}
+    edges |= {"left column": stored.swapaxes(0, 1), "right column": stored.swapaxes(0, 1)[::-1]}
+    odd = []
+    for name, lines in edges.items():
+        if len(lines) < 8:
+            continue
+        apart = np.abs(np.diff(lines[:4].astype(np.float32), axis=0)).mean(axis=(1, 2)) / whole
+        if apart[0] > max(ODD_BORDER, 3 * apart[1:].max()):
+            odd.append(name)
+    if not odd:
+        return ()
+    return (
+        f"its {', '.join(odd)} differs much from the next: a frame? pools spread it; cut it off",
+    )
 
 
 def _check_scorable(work: _Work) -> None:
@@ -182,20 +203,26 @@ def _check_scorable(work: _Work) -> None:
 
 
 def _write(work: _Work, outputs: Outputs) -> list[ConditionPicture]:
-    viewing = work.looking.viewing
-    outputs.out.parent.mkdir(parents=True, exist_ok=True)
-    state = outputs.out.with_name(f".{outputs.out.name}.state.npz")
-    if state.exists():
-        work.reporter.say(f"going on where {state} ends")
+    viewing, state = work.looking.viewing, None
+    for path in vars(outputs).values():
+        if isinstance(path, Path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+    if not any((outputs.out, outputs.compare, outputs.steps, outputs.score)):
+        _write_moving(work, outputs)
+        return []
+    if (kept := outputs.out or outputs.compare) is not None:
+        state = kept.with_name(f".{kept.name}.state.npz")
+        if state.exists():
+            work.reporter.say(f"going on where {state} ends")
     seen = look_through(
         work.opened.stored, work.gaze_px, viewing, work.choices, seed=work.seed, ctx=work.ctx,
         state=state, report=lambda now: work.reporter.progress(now, 0, 0),
     )  # fmt: skip
     _say_where(work, seen)
-    _save(outputs.out, seen[0], work.opened.bits)
-    work.reporter.say(f"wrote {outputs.out} ({seen[0].choice.label})")
+    if outputs.out is not None:
+        _save(outputs.out, seen[0], work.opened.bits)
+        work.reporter.say(f"wrote {outputs.out} ({seen[0].choice.label})")
     if outputs.compare is not None:
-        outputs.compare.parent.mkdir(parents=True, exist_ok=True)
         drawing.save_picture(
             outputs.compare, sheet_of(work.opened.colour, work.gaze_px, viewing, seen)
         )
@@ -277,9 +304,6 @@ def _score(work: _Work, seen: Sequence[ConditionPicture], out: Path) -> Path:
 def _write_moving(work: _Work, outputs: Outputs) -> None:
     """Write the moving pictures and the page of the first choice."""
     say, size_px = work.reporter.say, outputs.size_px
-    for path in (outputs.animate, outputs.flip, outputs.page):
-        if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
     if outputs.animate is not None:
         size = moving.wander(
             outputs.animate, work.shown, seed=work.seed, longest_px=size_px or moving.LONGEST_PX,

@@ -32,28 +32,18 @@ WHOLE = "powers"
 """Texture with 24 bits: where a pool has two colours its third and fourth moments nearly cancel."""
 
 
-def check_page(
-    size: tuple[int, int], viewing: Viewing, choice: Choice, longest_px: int = LONGEST_PX
-) -> None:
-    """Require what a page can show: a picture of (height, width), scaled down to `longest_px`.
+def check_page(viewing: Viewing, choice: Choice) -> None:
+    """Require what a page can show: a flat picture, by the method metamer.
 
     Raises
     ------
     InputError
-        Of a panorama, another method, or more pixels than `MOST_PX`.
+        Of a panorama, or another method.
     """
     check_condition(create_condition(choice.name, choice.parameters), choice.name)
     if not isinstance(viewing, Flat):
         raise InputError(
             "a page shows a flat picture (got a panorama); leave --panorama out, or give --animate"
-        )
-    share = min(1.0, longest_px / max(size))
-    height, width = (max(1, round(share * edge)) for edge in size)
-    if height * width > MOST_PX:
-        least = math.isqrt(MOST_PX * max(size) // min(size))
-        raise InputError(
-            f"the picture of a page must have at most {MOST_PX} pixels, so that the page has 6 MB"
-            f" (got {width} x {height}); give --size-px {least} or less"
         )
 
 
@@ -67,7 +57,7 @@ def write_page(
     seed: int,
     longest_px: int = LONGEST_PX,
 ) -> tuple[int, int, int]:
-    """Write the page of a picture, of 8 bits and scaled down to `longest_px` where it is larger.
+    """Write the page of a picture of 8 bits, scaled down to `longest_px` and `MOST_PX`.
 
     Parameters
     ----------
@@ -86,9 +76,10 @@ def write_page(
     InputError
         If a page cannot show it: see `check_page`.
     """
-    check_page(colour.shape[:2], viewing, choice, longest_px)
+    check_page(viewing, choice)
     condition = check_condition(create_condition(choice.name, choice.parameters), choice.name)
-    small, seen = shrunk(colour, viewing, longest_px)
+    high, wide = sorted(colour.shape[:2])
+    small, seen = shrunk(colour, viewing, min(longest_px, math.isqrt(MOST_PX * wide // high)))
     assert isinstance(seen, Flat)
     height, width = small.shape[:2]
     geometry = seen.of(width, height)

@@ -40,8 +40,8 @@ from study_app.live.loop import DrawnFlip
 from study_app.live.renderer import GazeState, LiveView, RendererDescription
 
 FORMAT: Literal[1] = 1
-EVERY = 30
-"""Number of flips between two whose pixels are kept."""
+EVERY, EVERY_S = 30, 0.5
+"""Number of flips, and time, after which pixels are kept again: a minute has a hundred and more."""
 GRID = 16
 """Along each edge, pixels of a frame that are kept."""
 
@@ -199,8 +199,8 @@ class LiveLog:
         If there is one, or the disk refuses a line: all before it are whole.
     """
 
-    def __init__(self, path: Path, **start: Json) -> None:
-        self._chain = first_link(b"")
+    def __init__(self, path: Path, *, every: int | None = None, **start: Json) -> None:
+        self._chain, self._every, self._due_s = first_link(b""), every, -math.inf
         self._pixels = FrameReadback()
         self.next_kept = 0
         """The first flip from which on pixels are kept again."""
@@ -216,15 +216,18 @@ class LiveLog:
         self.next_kept = 0
 
     def flip(self, flip: DrawnFlip, picture: moderngl.Texture, head_s: float = math.nan) -> None:
-        """Write the saccades that ended, the flip, and of every `EVERY`th what its pixels are.
+        """Write the saccades that ended, the flip, and of some what their pixels are.
+
+        These are each `every`th, or by default each `EVERY`th and after `EVERY_S`.
 
         `head_s` is the stamp of the head's pose that turned the view.
         """
         for one in flip.saccades:
             self._write({"kind": "saccade", "onset_s": one.onset_s, "offset_s": one.offset_s})
         pixels = grid = None
-        if flip.number >= self.next_kept:
-            self.next_kept = flip.number + EVERY
+        late = self._every is None and flip.t_s >= self._due_s
+        if flip.number >= self.next_kept or late:
+            self.next_kept, self._due_s = flip.number + (self._every or EVERY), flip.t_s + EVERY_S
             pixels, some = self._pixels.of(picture)
             grid = base64.b64encode(some.tobytes()).decode()
         self._write(

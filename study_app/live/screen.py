@@ -88,6 +88,14 @@ class WindowScreen:
         """Change what the overlay says."""
         self._text.write(self._written(lines).tobytes())
 
+    def announce(self, words: str) -> None:
+        """Show words alone until the first picture is ready."""
+        self.write([words])
+        self._painter.clear()
+        self._painter.image(self._text, (0, 0))
+        self._painter.finish()
+        self.flip()
+
     def paint(self, picture: moderngl.Texture, gaze_state: GazeState) -> None:
         """Draw the picture, and over it the overlay where it is on."""
         self._painter.clear()

@@ -9,13 +9,12 @@ import pytest
 from command_line import metamerlab
 from PIL import Image
 
-from pipeline.errors import InputError
 from pipeline.foveation.conditions import foveate
 from pipeline.foveation.geometry import Flat
 from pipeline.gl.fragment import fragment_of
 from pipeline.gl.shader import ShaderSource
 from pipeline.named_classes import Choice
-from stimuli.foveate.metamer_page import check_page, write_page
+from stimuli.foveate.metamer_page import write_page
 
 EDGE, SEED = 512, 3
 MOST_BYTES = 6_000_000
@@ -132,7 +131,6 @@ def test_the_command_writes_one_file_that_names_no_other(tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--page", "p.html", "--size-px", "800"), ("262144", "800 x 600", "--size-px 591")),
         (("--page", "p.html", "-m", "blur"), ("metamer", "got blur")),
         (("--page", "p.html", "--set", "chroma=full"), ("chroma full", "follow or luma")),
         (("--page", "p.png"), ("p.png", ".html")),
@@ -151,12 +149,19 @@ def test_what_a_page_cannot_show_is_refused_before_anything_is_written(
     assert [path.name for path in tmp_path.iterdir()] == ["photo.png"]
 
 
-def test_the_size_that_a_refusal_names_is_taken():
-    for size in ((600, 800), (300, 4000), (513, 512)):
-        with pytest.raises(InputError) as refused:
-            check_page(size, Flat(), Choice("metamer"), max(*size, 8000))
-        named = int(re.search(r"--size-px (\d+)", str(refused.value))[1])
-        check_page(size, Flat(), Choice("metamer"), named)
+def test_a_page_takes_a_picture_of_any_size_and_writes_no_other_file(photo, tmp_path, monkeypatch):
+    """By hand: 591 x 443 px are at most 512 x 512 px."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "foveated.png").write_bytes(b"mine")
+    code, said = run(photo.name, "--numpy", "--page", "p.html", "--size-px", "800")
+    assert code == 0, said
+    assert "wrote p.html (591 x 443 px" in " ".join(said.split())
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "foveated.png",
+        "p.html",
+        photo.name,
+    ]
+    assert (tmp_path / "foveated.png").read_bytes() == b"mine"
 
 
 def test_pages_are_for_one_flat_picture(tmp_path):

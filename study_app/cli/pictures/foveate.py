@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -109,6 +109,20 @@ class ClipOptions:
     r"""Frames a second, for --video and --gaze replay:FILE. \[default: the input video's, or 30]"""
 
 
+def grey_value(text: str) -> float:
+    """Read a grey: white, black, or a number from 0 to 1.
+
+    Raises
+    ------
+    StudyError
+        If it is none.
+    """
+    with suppress(ValueError):
+        if 0 <= (grey := float({"black": "0", "white": "1"}.get(text, text))) <= 1:
+            return grey
+    raise StudyError(f"--background must be white, black, or a grey from 0 to 1 (got {text!r})")
+
+
 @dataclass(frozen=True)
 class LightOptions:
     """Statements on the file."""
@@ -124,15 +138,16 @@ class LightOptions:
     """Clip light that a display cannot show, instead of refusing it."""
     encoded: bool = False
     """A file of floats holds display-referred colour, not scene-linear light."""
-    background: Annotated[float, typer.Option(min=0.0, max=1.0)] = 0.5
-    """Grey behind transparent pixels."""
+    background: Annotated[str, typer.Option(metavar="GREY")] = "0.5"
+    """Grey behind transparent pixels: white, black, or a number from 0 to 1."""
 
     def reading(self, panorama: bool) -> PictureReading:
         """Return it as work on files takes it."""
         from pipeline.pictures.colour_file import PictureReading
 
         exposed = panorama and self.stops is None and not self.clip
-        return PictureReading(self.background, self.clip, self.stops or 0.0, self.encoded, exposed)
+        grey = grey_value(self.background)
+        return PictureReading(grey, self.clip, self.stops or 0.0, self.encoded, exposed)
 
 
 @dataclass(frozen=True)
@@ -172,7 +187,7 @@ def foveate(
         Path | None,
         typer.Argument(
             help="The picture to write, .png or .exr; replaced if there. For frames: a folder."
-            r" \[default: foveated.png, or foveated/]"
+            r" \[default: foveated.png, or foveated/; none where anything else is asked for]"
         ),
     ] = None,
     *,
@@ -217,7 +232,8 @@ def foveate(
 
     sheet = looks.compare is not None or looks.score is not None
     choices = _choices(condition.methods, condition.settings, sheet)
-    outputs = Outputs(out or Path("foveated.png"), **vars(looks))
+    alone = not any(isinstance(one, Path) for one in vars(looks).values())
+    outputs = Outputs(out or (Path("foveated.png") if alone else None), **vars(looks))
     moving = picture.is_dir() or is_video(picture)
     each = seen.gaze if is_of_frames(seen.gaze) else None
     if moving:

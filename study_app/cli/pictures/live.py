@@ -83,6 +83,8 @@ class LiveOptions:
     """Begin with rings, frame time and latency shown."""
     record: Annotated[Path | None, typer.Option(metavar="FILE")] = None
     """Keep a log of every flip (.jsonl), new."""
+    proof_every: Annotated[int | None, typer.Option(min=1, metavar="N")] = None
+    r"""Keep what --verify compares of every Nth frame. \[default: a hundred and more a minute]"""
     verify: Annotated[Path | None, typer.Option(metavar="LOG")] = None
     """Draw frames of a log again, off screen, instead of showing SOURCE."""
     seconds: Annotated[float | None, typer.Option(min=0.1)] = None
@@ -139,6 +141,8 @@ def live(
         check_file(record, (".jsonl",))
         if record.exists():
             raise StudyError(f"{record}: must be a new file, and is there; name another one")
+    elif asked.proof_every is not None:
+        raise StudyError("--proof-every is for a log; add --record FILE, or leave it out")
     _run(show)
 
 
@@ -179,6 +183,7 @@ def _run(show: _Show) -> None:
     from study_app.desktop.monitor import monitor_display
     from study_app.desktop.window import Window
     from study_app.gaze.open_source import check_kind
+    from study_app.live.screen import WindowScreen
 
     asked = show.asked
     check_kind(asked.gaze)
@@ -200,11 +205,16 @@ def _run(show: _Show) -> None:
     pacing: Pacing = "software" if asked.software_pacing else "vsync"
     with ExitStack() as open_now:
         window = open_now.enter_context(Window(shown_on, pacing=pacing))
+        screen = WindowScreen(
+            window, (corner[0], corner[1]), geometry.centre_px, geometry.distance_px
+        )
+        open_now.callback(screen.release)
+        screen.announce("The picture is being prepared.")
         source = read or draw_source(show.source, geometry, window.ctx)
         say_notes(source.notes)
         renderer = FoveatingRenderer(window.ctx, source, geometry, show.choices[0])
         open_now.callback(renderer.release)
-        _Showing(show, window, renderer, (corner[0], corner[1]), fps).run()
+        _Showing(show, window, screen, renderer, (corner[0], corner[1]), fps).run()
 
 
 def _read(
@@ -237,19 +247,14 @@ class _Showing:
         self,
         show: _Show,
         window: Window,
+        screen: WindowScreen,
         renderer: FoveatingRenderer,
         corner: tuple[int, int],
         fps: float,
     ) -> None:
-        from study_app.live.screen import WindowScreen
-
         self._show, self._asked, self._corner = show, show.asked, corner
         self._window, self._renderer = window, renderer
-        geometry = renderer.geometry
-        self._screen: WindowScreen = WindowScreen(
-            window, corner, geometry.centre_px, geometry.distance_px
-        )
-        self._screen.overlay = show.asked.overlay
+        self._screen, screen.overlay = screen, show.asked.overlay
         self._fps, self._seed, self._choices = fps, show.asked.seed, list(show.choices)
         self._turned = (0.0, 0.0)
         self._head: TrustedGaze | None = None
@@ -297,7 +302,6 @@ class _Showing:
             gaze.close()
             if self._head is not None:
                 self._head.close()
-            screen.release()
 
     def _end(self, loop: LiveLoop, left_out: int) -> None:
         """Print the measurements, and write them."""
@@ -318,6 +322,7 @@ class _Showing:
     def _loop(self, loop: LiveLoop, gaze: TrustedGaze) -> None:
         window, begin_s = self._window, self._window.now()
         told_s, marked_s, told = begin_s, begin_s, 0
+        self._tell()
         while self._keys(loop):
             now_s = window.now()
             if self._asked.seconds is not None and now_s - begin_s >= self._asked.seconds:
@@ -328,7 +333,7 @@ class _Showing:
                     self._head.mark("live")
                 marked_s = now_s
             if self._screen.overlay and now_s - told_s > _TOLD_S and loop.number > told:
-                self._tell(loop, (loop.number - told) / (now_s - told_s))
+                self._tell(*self._figures(loop, (loop.number - told) / (now_s - told_s)))
                 told_s, told = now_s, loop.number
             flip, picture = loop.step(self._renderer, lambda: self._view(loop), self._seed)
             self._last = flip
@@ -387,6 +392,7 @@ class _Showing:
             self._renderer.choose(self._choices[0])
         self._renderer.prepare(self._seed)
         say(f"{self._choices[0].label}, seed {self._seed}")
+        self._tell()
         if key != "s" and self._log is not None:
             self._log.choice(self._renderer.describe())
 
@@ -415,7 +421,8 @@ class _Showing:
             return
         drawn_by, reading = describe(self._window.ctx), self._show.reading
         log = LiveLog(
-            self._asked.record, at=utc_now(), source=self._show.source, reading=vars(reading),
+            self._asked.record, every=self._asked.proof_every, at=utc_now(),
+            source=self._show.source, reading=vars(reading),
             gaze=self._asked.gaze, display=self._window.display.model_dump(mode="json"),
             renderer=drawn_by.name, driver=drawn_by.version,
             revision=f"{package_version()} {code_revision()}", refresh_hz=self._screen.refresh_hz,
@@ -425,16 +432,16 @@ class _Showing:
             log.choice(self._renderer.describe())
             yield log
 
-    def _tell(self, loop: LiveLoop, rate_hz: float) -> None:
+    def _tell(self, *figures: str) -> None:
+        """Have the overlay say what is shown, and figures where there are some."""
+        self._screen.write([f"{self._choices[0].label}, seed {self._seed}", *figures, KEYS])
+
+    def _figures(self, loop: LiveLoop, rate_hz: float) -> tuple[str, str]:
         last = self._last
         drawn_ms = 1e3 * (last.drawn_s - last.poll_s)
-        self._screen.write(
-            [
-                f"{self._choices[0].label}, seed {self._seed}",
-                f"{rate_hz:.1f} frames/s, drawn in {drawn_ms:.1f} ms, {loop.missed} missed",
-                f"sample to flip {1e3 * last.age_s:.1f} ms, gaze {last.eye}",
-                KEYS,
-            ]
+        return (
+            f"{rate_hz:.1f} frames/s, drawn in {drawn_ms:.1f} ms, {loop.missed} missed",
+            f"sample to flip {1e3 * last.age_s:.1f} ms, gaze {last.eye}",
         )
 
 
