@@ -17,7 +17,7 @@ from virtual_screen import VirtualScreen
 
 from pipeline.errors import InputError
 from pipeline.foveation.geometry import Flat
-from pipeline.gl.texture import read_back
+from pipeline.gl.texture import create_texture, read_back
 from pipeline.named_classes import Choice
 from pipeline.pictures.colour_file import PictureReading
 from protocols.disk.hashing import sha256_json
@@ -31,7 +31,7 @@ from study_app.gaze.saccades import SUPPRESSED_AFTER_S, SaccadeWatch
 from study_app.gaze.source import GazeSample
 from study_app.gaze.trusted import TrustedGaze
 from study_app.live.log import LiveChoice, LiveFlip, LiveLog, LiveSaccade, read_log
-from study_app.live.loop import SPARE_SHARE, LiveLoop
+from study_app.live.loop import SPARE_SHARE, DrawnFlip, LiveLoop
 from study_app.live.redraw import redraw
 from study_app.live.renderer import STEPS_PER_PX, GazeState, LiveView, on_grid
 from study_app.virtual import VirtualClock
@@ -485,3 +485,20 @@ def test_another_word_for_change_gets_one_message(tmp_path):
     assert "--change: must be one of always, during-saccades (got 'in-saccades')" in " ".join(
         done.output.split()
     )
+
+
+@pytest.mark.parametrize(("hz", "every", "kept"), [(2, None, 10), (100, None, 4), (100, 5, 20)])
+def test_a_minute_has_a_hundred_proofs_however_slow_its_frames(
+    tmp_path, gl_context, hz, every, kept
+):
+    """By hand: of ten frames each half second all, of a hundred frames a second every thirtieth."""
+    picture = create_texture(gl_context, (32, 32), "rgba8")
+    log = LiveLog(tmp_path / "log.jsonl", every=every, **START)
+    state = GazeState((0.0, 0.0), (0.0, 0.0), 0)
+    for n in range(10 if hz == 2 else 100):
+        t_s = n / hz
+        log.flip(DrawnFlip(n, t_s, t_s, t_s, 1, LiveView(), state, "found", 0.0), picture)
+    log.close()
+    picture.release()
+    lines = read_log(tmp_path / "log.jsonl").lines
+    assert sum(line.pixels is not None for line in lines if isinstance(line, LiveFlip)) == kept
