@@ -10,7 +10,7 @@ import pandas as pd
 
 from analysis.parts import PartFigure, Presentation, computed, with_added
 from analysis.parts.places import PlacesPart
-from analysis.report.report_source import ReportSource
+from analysis.report.report_source import ReportSource, recording_sentence
 from analysis.report.values import as_json
 from analysis.report.wording import left_out_sentence
 from analysis.tidy import TidyTables
@@ -75,8 +75,10 @@ def content_of(
     shown = [(part, part.show(found[part.name], plan)) for part in parts if part.name in found]
     people = count_of(decisions["participant"].nunique(), "participant")
     counted = f"{len(decisions)} {analysis.task} of {people}"
-    left_out = left_out_sentence(source.tidy.flow) if source.tidy else ""
-    said = Presentation(methods=f"We analysed {counted}. {left_out}".strip())
+    recorded: list[str] = []
+    if source.tidy is not None:
+        recorded = [left_out_sentence(source.tidy.flow), recording_sentence(source.tidy.sessions)]
+    said = Presentation(methods=" ".join([f"We analysed {counted}.", *filter(None, recorded)]))
     sections: list[Section] = []
     figures: list[PartFigure] = []
     others: list[Block] = []

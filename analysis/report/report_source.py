@@ -248,6 +248,36 @@ def recording_notes(sessions: pd.DataFrame) -> tuple[str, ...]:
     return tuple(notes)
 
 
+def recording_sentence(sessions: pd.DataFrame) -> str:
+    """Return the sentences of methods on how stimuli were shown and gaze was watched.
+
+    `sessions` is as `analysis.tidy` makes it; those that exclusions left out are not told of.
+    """
+    kept = sessions[sessions["excluded"] == ""]
+    if kept.empty:
+        return ""
+    rates = " and ".join(f"{rate:g} Hz" for rate in sorted(kept["refresh_hz"].unique()))
+    stamps = ", ".join(sorted(kept["timing_evidence"].unique()))
+    attempts = count_of(int(kept["attempts"].sum()), "attempt")
+    void, missed = int(kept["void"].sum()), int(kept["dropped"].sum())
+    told = [
+        f"Stimuli were shown at {rates} (time stamps: {stamps}); of {attempts} at main trials"
+        f" {void} were void and came again, and {missed} refreshes were missed in trials that"
+        " count."
+    ]
+    watched = kept[kept["gaze_mean_deg"].notna()]
+    if len(watched):
+        left, away = int(watched["gaze_violations"].sum()), float(watched["gaze_mean_deg"].mean())
+        lost = float(watched["gaze_lost_share"].mean())
+        such = " (such attempts are void)" * (set(watched["gaze_mode"]) == {"enforce"})
+        told.append(
+            f"Gaze was watched in {count_of(len(watched), 'session')}: it left the place that was"
+            f" asked for {left} times{such}, lay {away:.2f} deg from it on average, and was lost"
+            f" for {100.0 * lost:.1f} % of the time."
+        )
+    return " ".join(told)
+
+
 def _sessions(names: Sequence[str]) -> str:
     shown = ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
     return f"{len(names)} session{'s' * (len(names) != 1)} ({shown})"

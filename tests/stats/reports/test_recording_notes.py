@@ -5,7 +5,7 @@ import pytest
 from command_line import metamerlab
 from undrawn_reports import undrawn
 
-from analysis.report.report_source import recording_notes
+from analysis.report.report_source import recording_notes, recording_sentence
 
 
 def sessions(*rows: tuple[str, int, str, int]) -> pd.DataFrame:
@@ -45,3 +45,26 @@ def test_the_page_and_the_terminal_say_that_data_are_simulated(sample_sessions, 
     page = (tmp_path / "report/report.html").read_text()
     assert "When not to trust these data" in page
     assert "All sessions are simulated: they show what the analysis does" in page
+
+
+def test_methods_say_what_was_shown_and_where_gaze_was_of_sessions_that_are_kept():
+    columns = ["excluded", "refresh_hz", "timing_evidence", "attempts", "void", "dropped"]
+    gaze = ["gaze_mode", "gaze_violations", "gaze_mean_deg", "gaze_lost_share"]
+    rows = [
+        ("", 120.0, "fence", 30, 6, 1, "enforce", 2, 0.4, 0.01),
+        ("", 60.0, "fence", 24, 0, 0, "enforce", 1, 0.6, 0.03),
+        ("a rule", 60.0, "unverified", 24, 9, 9, "enforce", 9, 9.0, 0.9),
+    ]
+    table = pd.DataFrame(rows, columns=columns + gaze)
+
+    assert recording_sentence(table) == (
+        "Stimuli were shown at 60 Hz and 120 Hz (time stamps: fence); of 54 attempts at main trials"
+        " 6 were void and came again, and 1 refreshes were missed in trials that count. Gaze was"
+        " watched in 2 sessions: it left the place that was asked for 3 times (such attempts are"
+        " void), lay 0.50 deg from it on average, and was lost for 2.0 % of the time."
+    )
+    warned = table.assign(gaze_mode="warn", gaze_mean_deg=[0.4, None, None])
+    assert "in 1 session: it left the place that was asked for 2 times, lay 0.40" in (
+        recording_sentence(warned)
+    )
+    assert recording_sentence(table[2:]) == ""

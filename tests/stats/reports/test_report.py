@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,17 @@ def test_the_page_needs_nothing_from_outside(html):
 
 def test_the_page_is_well_formed(html):
     check_well_formed(html)
+
+
+def test_the_page_for_reviewers_quotes_what_reports_write(html, repository):
+    """But for numbers; the demonstration watches no gaze, whose sentence has a test of its own."""
+    page = (repository / "docs/reviewers.md").read_text(encoding="utf-8")
+    quotes = [one for one in re.findall(r"^> (.+)", page, re.MULTILINE) if "Gaze" not in one]
+    number = re.compile(r"\d[\d.]*")
+    text = number.sub("#", unescape(html))
+
+    assert len(quotes) == 6
+    assert [one for one in quotes if number.sub("#", one).rstrip(".") not in text] == []
 
 
 def test_hostile_answers_are_shown_as_text(html):
