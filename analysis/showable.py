@@ -32,9 +32,6 @@ class FamilyOfTests:
         No p is below that of participants who all agree.
     toward : float
         Chance that one of these answers so where there is nothing to find.
-    scenes : int
-        Fewest scenes that one value of a factor shows alone: a bootstrap that draws them holds p by
-        them, too; 0: it does not.
     draws : int
         Draws of the parametric bootstrap that gives p; 0: none.
     """
@@ -45,7 +42,6 @@ class FamilyOfTests:
     holm: bool = True
     people: bool = True
     toward: float = 0.5
-    scenes: int = 0
     draws: int = 0
 
     @property
@@ -85,18 +81,12 @@ class FamilyOfTests:
         if self.people:
             least = partial(_least_of_votes, toward=self.toward)
             yield partial(count_of, noun="participant"), people, least, MOST_UNITS
-        if self.scenes:
-            yield _scenes_at, self.scenes, _least_of_votes, MOST_UNITS
         if self.draws:
             yield "bootstrap_draws = {}".format, self.draws, least_p_of_draws, MOST_DRAWS
 
 
 def _least_of_votes(number: int, toward: float = 0.5) -> float:
     return float(least_p(number, toward))
-
-
-def _scenes_at(number: int) -> str:
-    return f"{count_of(number, 'scene')} at a value"
 
 
 def limits_of_design(

@@ -15,7 +15,6 @@ from analysis.answers import SimulatedAnswers, codes_of, crossed_effects
 from analysis.arrays import Floats
 from analysis.models.compared_methods import as_numbers
 from analysis.models.numeric import ROUNDING
-from analysis.models.psychometric import sigmoid
 from analysis.parts import AnyPart
 from analysis.pilot import (
     Found,
@@ -29,6 +28,7 @@ from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan, combined, prepared
 from analysis.plans.rating_plan import RatingPlan
 from analysis.power import COMMON, Assumption, PowerSimulation, default_participants
+from protocols.adaptive.psychometric_function import sigmoid
 from protocols.adaptive.section import AdaptiveLevels
 from protocols.errors import StudyError
 from protocols.study_file.schema import StudyProtocol

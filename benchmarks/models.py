@@ -32,15 +32,15 @@ from analysis.models.critical_scaling import (
 )
 from analysis.models.curves.critical_likelihood import scaling_d_prime
 from analysis.models.curves.goodness_of_fit import misfits
+from analysis.models.curves.response import CurveForm
 from analysis.models.detection import yes_no
 from analysis.models.logistic import glmm_logit
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import paired_ratings, rating_model
-from analysis.models.psychometric import CurveForm, sigmoid
-from analysis.models.right_answers import rate_contrasts
-from analysis.models.second_factor import jod_interactions, share_interactions
+from analysis.models.right_answers import rate_contrasts, share_interactions
 from analysis.models.thresholds import fit_thresholds
 from benchmarks.shared.output import file_to_write, write_record
+from protocols.adaptive.psychometric_function import sigmoid
 from protocols.answer_rules import answer_rule
 from protocols.revision import code_revision
 
@@ -319,7 +319,7 @@ def scales(design: Design, rng: np.random.Generator) -> Outcome:
     return float(found.difference_p[0, 1]), bool(lower <= 0.0 <= upper)
 
 
-def interaction(measure: str, apart: bool) -> Callable[..., Outcome]:
+def interaction(apart: bool) -> Callable[..., Outcome]:
     """Return what simulates and judges whether a preference differs between two sizes.
 
     `apart`: each scene is shown at one size; else at both.
@@ -333,19 +333,9 @@ def interaction(measure: str, apart: bool) -> Callable[..., Outcome]:
             table, shift, large = table[kept], shift[kept], large[kept]
         preferred = rng.random(shift.size) < expit(0.5 + shift)
         rows = checked(table.assign(preferred=preferred.astype(int)), ())
-        places, at = grid(rows), rows["method"].map({"a": "small", "b": "large"})
-        events = {size: rows.loc[at == size, "preferred"] for size in ("small", "large")}
-        if measure == "share":
-            moved = {size: {"ours": event} for size, event in events.items()}
-            (one,) = share_interactions(moved, places, "share", 0.95)
-            return one.p, one.lower <= 0.0 <= one.upper
-        votes = {}
-        for size, event in events.items():
-            won, lost = places.count(event), places.count(1 - event)
-            nothing = np.zeros_like(won)
-            votes[size] = np.stack([nothing, won, lost, nothing], -1).reshape(*won.shape, 2, 2)
-        ((one,),) = jod_interactions(votes, ("ours", "blur"), [("ours", "blur")], level=0.95,
-                                     samples=1000, rng=rng).values()  # fmt: skip
+        at = rows["method"].map({"a": "small", "b": "large"})
+        moved = {size: {"ours": rows.loc[at == size, "preferred"]} for size in ("small", "large")}
+        (one,) = share_interactions(moved, grid(rows), "share", 0.95)
         return one.p, one.lower <= 0.0 <= one.upper
 
     return judged
@@ -433,10 +423,7 @@ def cells() -> list[tuple[str, str, Design, Callable[..., Outcome]]]:
         design = Design(people, scenes, repeats, (0.6, 0.3), (0.4, 0.3))
         for apart in (False, True):
             told = f"{size}, each scene at {'one size' if apart else 'both sizes'}"
-            found += [
-                ("interaction", f"{told}, {measure}", design, interaction(measure, apart))
-                for measure in ("share", "JOD")
-            ]
+            found.append(("interaction", told, design, interaction(apart)))
     return found
 
 

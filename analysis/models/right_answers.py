@@ -1,7 +1,7 @@
 """Rates of right answers: shares with limits and tests against chance, by condition."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -276,3 +276,24 @@ def contrasts(
         )
         for (first, second, gap, lower, upper, p), p_adjusted in zip(found, adjusted, strict=True)
     )
+
+
+def share_interactions(
+    happened: Mapping[str, Mapping[str, pd.Series]], places: TrialGrid, measure: str, level: float
+) -> tuple[Difference, ...]:
+    """Return the differences of a share between all pairs of values of the factor.
+
+    Parameters
+    ----------
+    happened : mapping of value to (mapping of condition to Series of 0 and 1)
+        Trials on the grid. With two conditions, it is the difference of their shares that differs.
+
+    Notes
+    -----
+    `clustered.two_way_difference`: scenes may be seen at one value only, and participants too.
+    """
+    moved = {}
+    for value, several in happened.items():
+        each = [event_influence(event, places) for event in several.values()]
+        moved[value] = each[0] if len(each) == 1 else each[0].minus(each[1])
+    return contrasts(measure, moved, level=level)

@@ -13,9 +13,8 @@ from analysis.models.cells import TrialGrid, checked, grid, numbered, one_condit
 from analysis.models.contrasts import IN_CONDITION, CrossedDesign, Difference, pairs_of
 from analysis.models.curves.population import Population, Threshold, span
 from analysis.models.curves.quadrature import STARTS, PeopleFit, fit_people
-from analysis.models.curves.response import ResponseFunction
+from analysis.models.curves.response import TWO_ALTERNATIVES, CurveForm, ResponseFunction
 from analysis.models.mixed.glmm import fit_crossed
-from analysis.models.psychometric import TWO_ALTERNATIVES, CurveForm
 from protocols.adaptive.answer_history import Shape
 from protocols.errors import count_of
 

@@ -22,9 +22,6 @@ from analysis.report.result_table import ResultColumn, ResultTable, attribute
 from analysis.report.wording import NONE, big, p_number, t_text
 from protocols.blocks import Block, Cautions, Paragraph, grouped
 
-LARGEST_LOG = 700.0
-"""Largest logarithm of odds that a number can hold."""
-
 
 @dataclass(frozen=True)
 class PairModel:
@@ -171,8 +168,8 @@ def _blocks(
 
 
 def _odds_text(row: Coefficient) -> str:
-    logs = np.clip([row.estimate, row.lower, row.upper], -LARGEST_LOG, LARGEST_LOG)
-    ratio, lower, upper = (big(float(odds)) for odds in np.exp(logs))
+    with np.errstate(over="ignore"):
+        ratio, lower, upper = map(big, np.exp([row.estimate, row.lower, row.upper]).tolist())
     return f"{ratio} [{lower}, {upper}]"
 
 

@@ -19,16 +19,19 @@ from analysis.models.cells import TrialGrid, checked, grid
 from analysis.models.clustered import FEW_SCENES, holm
 from analysis.models.compared_methods import pairing_rows
 from analysis.models.contrasts import Difference
-from analysis.models.right_answers import Influence, Rate, rate, share_influence
-from analysis.models.second_factor import jod_interactions, share_interactions
+from analysis.models.right_answers import (
+    Influence,
+    Rate,
+    rate,
+    share_influence,
+    share_interactions,
+)
 from analysis.parts import Part, PartFigure, PartNumbers, Presentation, Tests
-from analysis.parts.scale import BOOTSTRAP_SAMPLES
 from analysis.parts.shared import apa_difference, between
 from analysis.plans.preference_plan import PreferencePlan
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots.tasks import interaction_plot
 from analysis.report.result_table import (
-    DECIDES,
     T_DF,
     ResultColumn,
     ResultTable,
@@ -36,7 +39,6 @@ from analysis.report.result_table import (
     deciding,
     estimated,
     limits,
-    undecided,
     within,
 )
 from analysis.report.values import frame_of
@@ -45,7 +47,7 @@ from analysis.report.wording import (
     leading,
 )
 from analysis.showable import FamilyOfTests
-from protocols.blocks import Box, Cautions, FigurePlace, Folded, Paragraph
+from protocols.blocks import Box, Cautions, FigurePlace, Paragraph
 from protocols.errors import count_of
 from protocols.tasks.rates import name_of
 
@@ -96,9 +98,9 @@ class Interactions:
     planned : tuple of Interaction
         Those that the study names: of the primary comparison, Holm-adjusted over the pairs of
         values alone; of right answers all.
-    shares, jod : tuple of Interaction
-        All of them, each kind Holm-adjusted together: of preferences the planned ones by
-        themselves, and the others. JOD are of preferences alone.
+    shares : tuple of Interaction
+        All of them, Holm-adjusted together: of preferences the planned ones by themselves, and
+        the others.
     """
 
     factor: str
@@ -106,7 +108,6 @@ class Interactions:
     sides: tuple[Side, ...]
     planned: tuple[Interaction, ...]
     shares: tuple[Interaction, ...]
-    jod: tuple[Interaction, ...]
     notes: tuple[str, ...]
 
 
@@ -137,32 +138,22 @@ class InteractionPart(Part[P, Interactions]):
     def families(self, cells: pd.DataFrame, plan: P) -> Sequence[FamilyOfTests]:
         """Return the planned changes, and all of them."""
         shown = {pair: math.comb(len(one), 2) for pair, one in self._shown(cells, plan).items()}
-        return _families(shown, cells, plan)
+        return _families(shown, plan)
 
     def show(self, found: Interactions, plan: P) -> Presentation:
         """Return the planned ones before all, every difference, and shares by value."""
         factor = column_in_words(found.factor)
-        jod = {one.gap.measure for one in found.jod}
-        planned: list[Interaction] = [one for one in found.planned if one.gap.measure not in jod]
-        left = len(planned) - LED_BY
+        left = len(found.planned) - LED_BY
         more = f"{left} more are below." if left > 0 else ""
         over = "over all"
         if isinstance(plan, PreferencePlan):
             over += f", those of {_whose(plan)} by themselves and those of other pairs together"
-        told, files = _changes(found.shares, plan), _changes((*found.shares, *found.jod), plan)
-        frame = files.every_field()
-        frame.loc[len(found.shares) :, DECIDES] = ""
-        distances = Folded(
-            f"Changes of distances in JOD between values of {factor}",
-            "They say how far methods lie apart in the unit of the papers' scales, by a bootstrap"
-            " that draws people alike for all values.",
-            (_changes(found.jod, plan, told=False).block(),),
-        )
+        told = _changes(found.shares, plan)
         return Presentation(
             lead=(
                 Box(
                     f"Interaction with {factor}",
-                    " ".join([*(_apa(one, plan) for one in planned[:LED_BY]), more]).strip(),
+                    " ".join([*(_apa(one, plan) for one in found.planned[:LED_BY]), more]).strip(),
                     f"Planned; two-sided, alpha = {leading(f'{plan.alpha:g}')}.",
                 ),
             ),
@@ -178,14 +169,13 @@ class InteractionPart(Part[P, Interactions]):
                 ),
                 Cautions("When not to trust these changes", found.notes),
             ),
-            others=(distances,) * bool(found.jod),
             sentences=[_apa(one, plan) for one in found.shares],
             methods=(
                 f"Changes between values of {factor} were tested by t with errors clustered by"
                 " participant and by scene."
             ),
             tables={
-                "interaction.csv": frame,
+                "interaction.csv": told.every_field(),
                 "interaction_shares.csv": frame_of(found.sides),
             },
             figures=(_figure(found, factor, plan),),
@@ -193,9 +183,8 @@ class InteractionPart(Part[P, Interactions]):
 
 
 def _changes(
-    found: Sequence[Interaction], plan: PreferencePlan | RatePlan, *, told: bool = True
+    found: Sequence[Interaction], plan: PreferencePlan | RatePlan
 ) -> ResultTable[Interaction]:
-    p = deciding("p_adjusted", "gap_p_adjusted")
     return ResultTable.of(
         "",
         found,
@@ -207,17 +196,18 @@ def _changes(
             (
                 estimated("Change", "difference"),
                 limits(plan.limits),
-                *([T_DF, p] if told else [undecided(p)]),
+                T_DF,
+                deciding("p_adjusted", "gap_p_adjusted"),
             ),
         ),
     )
 
 
 class PreferenceInteraction(InteractionPart[PreferencePlan]):
-    """Preferences between sizes, in shares and in JOD."""
+    """Preferences between sizes."""
 
     def compute(
-        self, table: pd.DataFrame, plan: PreferencePlan, _found: PartNumbers, chance: Generator
+        self, table: pd.DataFrame, plan: PreferencePlan, _found: PartNumbers, _chance: Generator
     ) -> Interactions:
         """Compare each pairing between sizes."""
         rows, places = _on_grid(table, plan)
@@ -239,29 +229,13 @@ class PreferenceInteraction(InteractionPart[PreferencePlan]):
             raise ValueError(f"no two methods were compared at two values of {plan.interaction}")
         first = _first(plan)
         people = max(pairing_rows(rows, *pair)["participant"].nunique() for pair in shares)
-        notes = _notes(sides, people, _families(_numbers(shares), rows, plan), plan)
-        known = [set(plan.compared_at(rows, value)[1]) for value in values]
-        methods = [name for name in plan.methods if all(name in some for some in known)]
-        jod: dict[Pair, list[Difference]] = {}
-        try:
-            found = jod_interactions(
-                {value: _votes(rows[rows["size"] == value], places, methods) for value in values},
-                methods,
-                [pair for pair in shares if set(pair) <= set(methods)],
-                level=plan.confidence,
-                samples=BOOTSTRAP_SAMPLES,
-                rng=chance,
-            )
-            jod = {pair: list(several) for pair, several in found.items()}
-        except ValueError as problem:
-            notes.append(f"no changes of distances in JOD: {problem}")
+        notes = _notes(sides, people, _families(_numbers(shares), plan), plan)
         return Interactions(
             factor="size",
             chance=0.5,
             sides=tuple(sides),
-            planned=(*_family(_only(shares, first)), *_family(_only(jod, first))),
+            planned=_family(_only(shares, first)),
             shares=_apart(shares, first),
-            jod=_apart(jod, first),
             notes=tuple(notes),
         )
 
@@ -330,8 +304,7 @@ class RateInteraction(InteractionPart[RatePlan]):
             tuple(sides),
             every,
             every,
-            (),
-            tuple(_notes(sides, people, _families(_numbers(found), rows, plan), plan)),
+            tuple(_notes(sides, people, _families(_numbers(found), plan), plan)),
         )
 
     def at_values(self, cells: pd.DataFrame, plan: RatePlan) -> Mapping[Pair, AtValues]:
@@ -428,17 +401,6 @@ def _side(pair: Pair, value: str, one: Rate) -> Side:
     )
 
 
-def _votes(rows: pd.DataFrame, places: TrialGrid, methods: Sequence[str]) -> Floats:
-    """Count votes on the grid (participants, scenes, k, k) between these methods."""
-    rows = rows[rows["first"].isin(methods) & rows["second"].isin(methods)]
-    at = rows.index.to_numpy()
-    votes = np.zeros((len(places.participants), len(places.scenes), len(methods), len(methods)))
-    won, lost = (rows[name].astype(str).map(list(methods).index).to_numpy(dtype=np.int64)
-                 for name in ("chosen", "rejected"))  # fmt: skip
-    np.add.at(votes, (places.person[at], places.scene[at], won, lost), 1.0)
-    return votes
-
-
 def _first(plan: PreferencePlan) -> Pair:
     """Return the comparison whose changes are tested by themselves."""
     return plan.primary[:2] if plan.primary else plan.pairings[0]
@@ -457,10 +419,8 @@ def _numbers(found: Mapping[Pair, Sequence[Difference]]) -> dict[Pair, int]:
     return {pair: len(several) for pair, several in found.items()}
 
 
-def _families(
-    changes: Mapping[Pair, int], rows: pd.DataFrame, plan: PreferencePlan | RatePlan
-) -> list[FamilyOfTests]:
-    """Return the families of so many changes of each comparison; `rows` say where scenes belong."""
+def _families(changes: Mapping[Pair, int], plan: PreferencePlan | RatePlan) -> list[FamilyOfTests]:
+    """Return the families of so many changes of each comparison."""
     of, total = f" with {plan.interaction}", sum(changes.values())
     found = [FamilyOfTests("change", of, total)] * (total > 0)
     if isinstance(plan, RatePlan):
@@ -472,19 +432,7 @@ def _families(
             FamilyOfTests("change", f" of {_whose(plan)}{of}", changes[first]),
             *[FamilyOfTests("change", f" of other pairs{of}", others)] * (others > 0),
         ]
-    apart = _scenes_apart(rows, plan)
-    in_jod = [replace(one, of=f"{one.of} in JOD", people=False, scenes=apart) for one in found]
-    return found + in_jod * (apart > 0)
-
-
-def _scenes_apart(rows: pd.DataFrame, plan: PreferencePlan) -> int:
-    """Return the fewest scenes of a size where each scene is shown at one; else 0."""
-    if plan.test != "participant-scene":
-        return 0
-    places = rows[["scene", "size"]].astype(str).drop_duplicates()
-    several = places["size"].value_counts()
-    apart = not places["scene"].duplicated().any() and (several > 1).any()
-    return int(several[several > 1].min()) if apart else 0
+    return found
 
 
 def _family(found: Mapping[Pair, Iterable[Difference]]) -> tuple[Interaction, ...]:

@@ -1,4 +1,4 @@
-"""Psychometric functions along a level: of all answers, and of the population."""
+"""Psychometric functions along a level, in the population."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,9 +15,8 @@ from analysis.arrays import Floats
 from analysis.models.clustered import holm
 from analysis.models.contrasts import Difference
 from analysis.models.curves.population import Threshold
-from analysis.models.psychometric import Psychometric, fit_psychometric
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
-from analysis.parts import Estimate, PartFigure, PartResults, Presentation, SimplePart, Tests, tried
+from analysis.parts import Estimate, PartFigure, PartResults, Presentation, SimplePart, Tests
 from analysis.parts.shared import (
     apa_difference,
     condition,
@@ -31,7 +30,6 @@ from analysis.parts.shared import (
 )
 from analysis.plans.rate_plan import RatePlan, shown_in
 from analysis.plots.psychometric_plots import PANELS, DrawnCurve, people_plot, psychometric_plot
-from analysis.repeat import scripts
 from analysis.report.result_table import ResultColumn, ResultTable, within
 from analysis.report.wording import (
     NONE,
@@ -47,10 +45,12 @@ from analysis.report.wording import (
 )
 from analysis.showable import FamilyOfTests
 from protocols.adaptive.answer_history import Shape
-from protocols.blocks import Block, Cautions, CopyText, FigurePlace, Folded, Paragraph, grouped
+from protocols.blocks import Block, Cautions, CopyText, FigurePlace, Folded, Paragraph
 
 R = TypeVar("R")
 
+BANDS = 4
+"""Curves, at most, whose limits are drawn as bands; more would hide each other."""
 WIDELY_SPACED = 8.0
 """Levels whose largest is so many times the smallest are drawn on a logarithmic axis."""
 SECTION = ("levels", "Levels")
@@ -222,122 +222,12 @@ class LevelsPart(SimplePart[RatePlan, P]):
         return section_title(plan)
 
 
-@dataclass(frozen=True)
-class Curves:
-    """Counts by condition, and a curve fitted to all participants' answers together."""
-
-    counts: Mapping[str, Counts]
-    curves: Mapping[str, Psychometric]
-    notes: tuple[str, ...]
-
-
-class CurvesPart(LevelsPart[Curves]):
-    """Psychometric functions of all participants together."""
-
-    name: ClassVar[str] = "curves"
-
-    def of(self, table: pd.DataFrame, plan: RatePlan) -> Curves:
-        """Count, and fit each condition; not on logarithms, as the population's model can be."""
-        counts, notes, found = counts_in(table, plan), list[str](), {}
-        form = replace(plan.curve, logarithmic=False)
-        fitted = partial(fit_psychometric, curve=form, level=plan.confidence)
-        on_axis = plan.shape == "weibull" or not plan.logarithmic
-        for name, one in counts.items() if on_axis else ():
-            what = f"psychometric function of {plan.label(name)}"
-            fit = tried(partial(fitted, *one.arrays), what, notes)
-            if fit is not None:
-                found[name] = fit
-        return Curves(counts, found, tuple(notes))
-
-    def show(self, found: Curves, plan: RatePlan) -> Presentation:
-        """Return data and curves."""
-        fits = [
-            (plan.label(name), fit, fit.identified(found.counts[name].levels))
-            for name, fit in found.curves.items()
-        ]
-        table = ResultTable.of(
-            "Psychometric functions, all participants together",
-            fits,
-            ResultColumn("Condition", "l c", lambda row: row[0]),
-            *threshold_columns(_place_of, "Limits", logarithmic=False),
-            ResultColumn("Lapse rate", "", lambda row: share(row[1].lapse)),
-        )
-        told = Paragraph(
-            "Threshold: where half of the way from guessing to lapsing is done. Width: from 5 to"
-            f" 95 % of that way. Shape: {SHAPES[plan.shape]}. These limits speak of these"
-            " people's answers; the next table's of people like these.",
-            muted=True,
-        )
-        guess = "a guess rate of chance" if plan.guess is not None else "a free guess rate"
-        methods = (
-            f"Psychometric functions over {plan.level} were fitted by maximum likelihood with"
-            f" {guess}."
-        )
-        return Presentation(
-            title=self.title(plan),
-            blocks=(
-                FigurePlace("levels"),
-                *((table.block(), told) if fits else ()),
-                Cautions(TRUST, grouped([(name, fit.warnings) for name, fit, _ in fits])),
-            ),
-            sentences=tuple(_of_answers(name, fit) for name, fit, known in fits if known),
-            methods=methods if fits else "",
-            tables={"levels.csv": _counted(found)},
-            scripts=_curve_scripts(found, plan),
-            figures=(
-                curves_figure(
-                    "levels", "fitted psychometric functions", found.counts, _drawn(found), plan
-                ),
-            )
-            * bool(found.curves),  # else the population's figure has the same points
-        )
-
-
-def _place_of(row: tuple[str, Psychometric, bool]) -> PlacedThreshold:
-    _, fit, known = row
-    return PlacedThreshold(known, fit.threshold, fit.threshold_limits, fit.width)
-
-
-def _of_answers(name: str, fit: Psychometric) -> str:
-    ends = fit.threshold_limits
-    place = size(fit.threshold, within=ends)
-    limits = f", {level_text(fit.level)} {size_range(ends)} of answers, not of people."
-    return (
-        f"All answers to {name} together have their threshold at {place}"
-        f"{limits if ends else '; it has no limits.'}"
-    )
-
-
-def _drawn(found: Curves) -> dict[str, DrawnCurve]:
-    """Return the curves, those first whose thresholds the answers place."""
-    placed = {
-        name: DrawnCurve(fit, threshold=(fit.threshold, *(fit.threshold_limits or (None, None))))
-        for name, fit in found.curves.items()
-        if fit.identified(found.counts[name].levels)
-    }
-    others = {name: DrawnCurve(fit) for name, fit in found.curves.items() if name not in placed}
-    return placed | others
-
-
-def _counted(found: Curves) -> pd.DataFrame:
+def _counted(counts: Mapping[str, Counts]) -> pd.DataFrame:
     return pd.DataFrame(
         {"condition": name, "level": x, "right": right, "trials": trials}
-        for name, one in found.counts.items()
+        for name, one in counts.items()
         for x, right, trials in zip(one.levels, one.right, one.trials, strict=True)
     )
-
-
-def _curve_scripts(found: Curves, plan: RatePlan) -> dict[str, str]:
-    """Return scripts that repeat the curves whose thresholds the answers place."""
-    placed = {
-        name: {"threshold": fit.threshold, "log_likelihood": fit.log_likelihood}
-        for name, fit in found.curves.items()
-        if fit.identified(found.counts[name].levels)
-    }
-    if not placed:
-        return {}
-    how = {"shape": plan.shape, "falling": plan.falling, "guess": plan.guess}
-    return scripts("curves", "R", "py", curves=placed, **how)
 
 
 @dataclass(frozen=True)
@@ -428,7 +318,9 @@ class ThresholdsPart(LevelsPart[Thresholds]):
         )
         differing = "natural logarithms of thresholds" if found.logarithmic else "thresholds"
         lapses = (
-            f"Limits speak of {like_these(scenes=bool(found.scene_sd))}. Mean lapse rate of"
+            "Threshold: where half of the way from guessing to lapsing is done. Width: from 5 to"
+            f" 95 % of that way. Shape: {SHAPES[plan.shape]}."
+            f" Limits speak of {like_these(scenes=bool(found.scene_sd))}. Mean lapse rate of"
             f" participants {share(found.lapse)}{_spread(found, '; {}')}."
         )
         people = _people(found, plan)
@@ -468,6 +360,7 @@ class ThresholdsPart(LevelsPart[Thresholds]):
                 f" {law_of_mixed(scenes='scenes' in effects)}."
             ),
             tables={
+                "levels.csv": _counted(found.counts),
                 "thresholds.csv": threshold_lines(each),
                 "threshold_differences.csv": files,
             },
@@ -505,7 +398,7 @@ def _figures(found: Thresholds, plan: RatePlan) -> Iterator[PartFigure]:
     curves = {
         one.condition: DrawnCurve(
             partial(population.average, one.condition),
-            partial(population.average_limits, one.condition),
+            partial(population.average_limits, one.condition) if len(placed) <= BANDS else None,
             (one.value, one.lower, one.upper),
         )
         for one in placed

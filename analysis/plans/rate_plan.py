@@ -6,7 +6,7 @@ from typing import Literal
 
 import pandas as pd
 
-from analysis.models.psychometric import CurveForm
+from analysis.models.curves.response import CurveForm
 from analysis.parts import AnalysisPlan, SectionKey
 from analysis.plans.table_sections import RateTableSection, check_contrasts
 from protocols.adaptive.answer_history import Shape

@@ -71,7 +71,7 @@ def psychometric_plot(
         Whiskers are binomial standard errors. A fit may be a `DrawnCurve`; points without one are
         joined by a thin line.
     chance : float, optional
-        Where the dashed line stands; left out, at the guess rates of the fits.
+        Where a dashed line stands.
     """
     fits = [fit for *_, fit in series.values()]
     placed = sum(isinstance(fit, DrawnCurve) and fit.threshold is not None for fit in fits)
@@ -86,10 +86,8 @@ def psychometric_plot(
         ]
         axes, strip = several[0], several[-1]
         _draw_series(axes, series, everything, logarithmic=logarithmic, error_bars=True)
-        guesses = {float(getattr(fit, "guess", np.nan)) for fit in fits}
-        for guess in sorted(guesses if chance is None else {chance}):
-            if np.isfinite(guess):
-                axes.axhline(guess, color=GREY, lw=0.6, ls=(0, (4, 3)))
+        if chance is not None:
+            axes.axhline(chance, color=GREY, lw=0.6, ls=(0, (4, 3)))
         said = ["Whiskers: ± 1 binomial standard error"]
         if banded:
             said.append(f"bands: {limits_text(level)} of the mean curve")

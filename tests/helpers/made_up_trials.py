@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from analysis.models.curves.critical_likelihood import scaling_d_prime
-from analysis.models.psychometric import Shape, sigmoid
+from protocols.adaptive.answer_history import Shape
+from protocols.adaptive.psychometric_function import sigmoid
 from protocols.answer_rules import answer_rule
 
 Floats = NDArray[np.float64]

@@ -28,7 +28,7 @@ from protocols.results import read_results
 _RIGHT = ("rates", "sensitivity", "comparisons", "models", "random_effects", "people")
 REPORTS = {
     "two-answers": (
-        *(*_RIGHT, "curves", "thresholds", "goodness"),
+        *(*_RIGHT, "thresholds", "goodness"),
         *("learning", "times"),
     ),
     "detection": (*_RIGHT, "typical"),
@@ -45,7 +45,7 @@ COMMANDS = {
     ("ratings", "--by", "method"): ("ratings", ("ratings", "random_ratings")),
     ("psychometric", *_LEVELS, "--guess", "0.25"): (
         "four-answers",
-        ("curves", "thresholds", "goodness", "psychometric"),
+        ("thresholds", "goodness", "psychometric"),
     ),
     ("detection", "--signal", "inconsistent"): ("detection", ("sensitivity", "typical")),
 }
@@ -154,20 +154,12 @@ SAID = {
         "methods": "Tests are two-sided, alpha = .05",
         "tables": {"sensitivity_differences.csv"},
     },
-    "curves": {
-        "section": "levels",
-        "caption": "Psychometric functions, all participants together",
-        "sentence": "together have their threshold at",
-        "methods": "were fitted by maximum likelihood",
-        "tables": {"levels.csv"},
-        "figure": "levels",
-    },
     "thresholds": {
         "section": "levels",
         "caption": "Thresholds in the population",
         "sentence": "Thresholds (gauss functions of",
         "methods": "Thresholds in the population come from one mixed model",
-        "tables": {"thresholds.csv", "threshold_differences.csv"},
+        "tables": {"levels.csv", "thresholds.csv", "threshold_differences.csv"},
         "figure": "psychometric",
     },
     "psychometric": {

@@ -1,6 +1,6 @@
 """Goodness of fit of psychometric functions: what studies of the model itself look like."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,8 +10,7 @@ from scipy.special import xlogy
 from analysis.arrays import Floats, Ints
 from analysis.models.clustered import holm
 from analysis.models.contrasts import IN_CONDITION
-from analysis.models.curves.population import Population, span
-from analysis.models.psychometric import LAPSE_MAX, CurveForm, Psychometric
+from analysis.models.curves.population import Population
 
 STUDIES = 199, 999
 """Fewest and most that are simulated."""
@@ -20,7 +19,6 @@ MOST_COUNTS = 3_000_000
 MOST_LEVELS = 10
 """Levels looked at by themselves: of more, neighbours are looked at together."""
 STEPS = 15
-REFITS = 25
 LONGEST_STEP = 1.5
 
 
@@ -102,86 +100,6 @@ def misfits(
         told = [one[:, own] for one in (right, predicted, drawn, expected)]
         found.append(misfit_of(name, levels, shown, *told))
     return adjusted_misfits(found), predicted[0][counts.cell][counts.row]
-
-
-def curve_misfits(
-    fits: Mapping[str, Psychometric],
-    counts: Mapping[str, tuple[Floats, Floats, Floats]],
-    guess: float | None,
-    rng: np.random.Generator,
-) -> tuple[Misfit, ...]:
-    """Compare counts at levels with those that fitted curves simulate.
-
-    Parameters
-    ----------
-    fits, counts : mapping of condition to a curve, and to levels, right answers and trials
-    guess : float or None
-        Known rate of guessing; None: fitted.
-
-    Notes
-    -----
-    Each simulated set is fitted anew.
-    """
-    found = []
-    for name, fit in fits.items():
-        levels, right, shown = counts[name]
-        share = np.broadcast_to(np.clip(fit(levels), 1e-9, 1.0 - 1e-9), (STUDIES[1], levels.size))
-        drawn = rng.binomial(shown.astype(np.int64), share).astype(np.float64)
-        expected = _refitted(fit, levels, drawn, shown, guess)
-        found.append(misfit_of(name, levels, shown, right[None], share[:1], drawn, expected))
-    return adjusted_misfits(found)
-
-
-def _refitted(
-    fit: Psychometric, levels: Floats, right: Floats, shown: Floats, guess: float | None
-) -> Floats:
-    """Return the shares of the curves that fit each set of right answers best (sets, levels)."""
-    falling = fit.width < 0
-    response = CurveForm(shape=fit.shape, falling=falling).response
-    x = np.log(np.maximum(levels, 1e-12)) if fit.shape == "weibull" else levels
-    count, most = (4 if guess is None else 3), np.array([LAPSE_MAX, 0.5])
-
-    def shares(theta: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return shares (sets, levels), rises and their slopes."""
-        rise, steep, _ = response.rise(theta[:, :1] + theta[:, 1:2] * x)
-        share = theta[:, 3:] + (1.0 - theta[:, 3:] - theta[:, 2:3]) * rise
-        return np.clip(share, 1e-9, 1.0 - 1e-9), rise, steep
-
-    # The best of a grid of curves, and from there Levenberg's and Marquardt's steps.
-    slopes = (-1.0 if falling else 1.0) * span(response) / (np.ptp(x) * np.geomspace(0.1, 3.0, 12))
-    places = np.linspace(x.min() - 0.2 * np.ptp(x), x.max() + 0.2 * np.ptp(x), 29)
-    grid = np.array(
-        [(-k * at, k, lapse, fit.guess) for k in slopes for at in places for lapse in (0.01, 0.07)]
-    )
-    logs = np.log(shares(grid)[0]), np.log1p(-shares(grid)[0])
-    theta = grid[np.argmax(right @ logs[0].T + (shown - right) @ logs[1].T, axis=1)]
-    damping = np.full(len(right), 1e-2)
-    share, rise, steep = shares(theta)
-    least = _deviances(right, share, shown)
-    for _ in range(REFITS):
-        whole = 1.0 - theta[:, 3:] - theta[:, 2:3]
-        along = np.stack([whole * steep, whole * steep * x, -rise, 1.0 - rise], axis=1)[:, :count]
-        weight = shown / (share * (1.0 - share))
-        known = np.einsum("sij,sj,skj->sik", along, weight, along)
-        force = np.einsum("sij,sj->si", along, weight * (right / shown - share))
-        # A rate at its bound stays there, unless answers pull it back.
-        rates, pull = theta[:, 2:count], force[:, 2:]
-        held = np.zeros(force.shape)
-        held[:, 2:] = ((rates <= 0.0) & (pull < 0)) | ((rates >= most[: count - 2]) & (pull > 0))
-        free = 1.0 - held
-        force = force * free
-        known = known * free[:, :, None] * free[:, None, :] + held[:, None, :] * np.eye(count)
-        scale = np.einsum("sii->si", known) + 1e-6
-        known += damping[:, None, None] * scale[:, None, :] * np.eye(count)
-        tried = theta.copy()
-        tried[:, :count] += np.linalg.solve(known, force[..., None])[..., 0]
-        tried[:, 2:] = np.clip(tried[:, 2:], 0.0, most)
-        found = _deviances(right, shares(tried)[0], shown)
-        better = found < least
-        theta[better], least = tried[better], np.minimum(found, least)
-        damping = np.clip(np.where(better, 0.2 * damping, 5.0 * damping), 1e-6, 1e6)
-        share, rise, steep = shares(theta)
-    return share
 
 
 def studies_of(counts: int) -> int:

@@ -14,9 +14,8 @@ from scipy.special import betaln, expit, log_expit, logit
 from analysis.arrays import Floats
 from analysis.models.clustered import holm
 from analysis.models.contrasts import check_conditions
-from analysis.models.curves.response import axis_of
+from analysis.models.curves.response import TWO_ALTERNATIVES, CurveForm, axis_of
 from analysis.models.numeric import ROUNDING, zeroed
-from analysis.models.psychometric import TWO_ALTERNATIVES, CurveForm
 from protocols.adaptive.answer_history import Shape
 from protocols.adaptive.psychometric_function import sigmoid
 
@@ -97,10 +96,10 @@ class PsychometricPosterior:
     Attributes
     ----------
     threshold, width, guess, lapse, spread : PosteriorEstimate
-        As `psychometric.Psychometric` defines the first four: the width is negative where
-        performance falls. On logarithmic levels it is a ratio. `spread` in [0, 1) is how far the
-        true share at a level strays: n trials there have 1 + (n - 1) spread^2 times the binomial
-        variance.
+        The threshold is where S is one half, the width the distance from S = .05 to .95: negative
+        where performance falls, and a ratio on logarithmic levels. `spread` in [0, 1) is how far
+        the true share at a level strays: n trials there have 1 + (n - 1) spread^2 times the
+        binomial variance.
     marginals : mapping of name to Marginal
         Of thresholds and widths on the axis that was fitted: ln x where it is logarithmic.
     level : float

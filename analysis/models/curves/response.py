@@ -1,5 +1,6 @@
-"""Chance of a right answer from a linear predictor, for models of trials."""
+"""Chance of a right answer from a linear predictor, for models of trials, and forms of curves."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol, TypeVar
 
@@ -7,12 +8,24 @@ import numpy as np
 from scipy.special import expit, log_expit, logit, ndtr, ndtri
 
 from analysis.arrays import Floats, Ints
+from protocols.adaptive.answer_history import Shape
 
 Link = Literal["logit", "probit", "weibull"]
 Rates = tuple[float, float | Floats]
 """Guess rate, and lapse rate: one, or of each row."""
 
 R = TypeVar("R")
+
+LINKS: Mapping[Shape, Link] = {
+    "gauss": "probit",
+    "logistic": "logit",
+    "gumbel": "weibull",
+    "weibull": "weibull",
+}
+"""Link of each shape to a linear predictor: in the level, for ``weibull`` in its logarithm."""
+
+SKEWED: tuple[Shape, ...] = ("gumbel", "weibull")
+"""Shapes that are not symmetric: the falling one is 1 - S, not S turned around."""
 
 RATE_PRIOR = (2.0, 50.0)
 """Beta law that fitted lapse and guess rates are drawn to: mode .02, 95 % below .09."""
@@ -195,3 +208,50 @@ def steep_prior(beta: Floats, steepest: Floats) -> tuple[float, Floats]:
 
 LOGIT = ResponseFunction()
 PROBIT = ResponseFunction("probit")
+
+
+@dataclass(frozen=True)
+class CurveForm:
+    """Form of psychometric functions: what is known of them before they are fitted.
+
+    Attributes
+    ----------
+    guess : float or None
+        Known rate of guessing, such as 1/m of m alternatives, and 0 of yes-no; None fits it.
+    lapse : float or None
+        Known rate of lapses; None fits it.
+    falling : bool
+        Performance falls with the level, as with eccentricity in [BB] Fig. 17. The falling
+        function of ``gumbel`` and ``weibull`` is 1 - S, as the adaptive rules have it.
+    logarithmic : bool
+        The curve, and what is said of thresholds and widths, are on the logarithm of the level.
+    """
+
+    guess: float | None = 0.5
+    lapse: float | None = None
+    shape: Shape = "gauss"
+    falling: bool = False
+    logarithmic: bool = False
+
+    @property
+    def response(self) -> ResponseFunction:
+        """The same as a response to a linear predictor."""
+        mirrored = self.falling and self.shape in SKEWED
+        return ResponseFunction(LINKS[self.shape], self.guess, self.lapse, mirrored)
+
+    def axis(self, levels: Floats, name: str = "x") -> Floats:
+        """Return levels as the curve, with a response to a linear predictor, runs along them.
+
+        Raises
+        ------
+        ValueError
+            If the shape needs logarithms, or levels, which `name` says, have none.
+        """
+        if self.shape == "weibull" and not self.logarithmic:
+            raise ValueError("the Weibull function needs logarithmic=True")
+        if self.logarithmic and np.any(levels <= 0):
+            raise ValueError(f"{name} must be positive to have a logarithm")
+        return axis_of(levels, self.logarithmic)
+
+
+TWO_ALTERNATIVES = CurveForm()

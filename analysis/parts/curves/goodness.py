@@ -12,11 +12,11 @@ from numpy.random import Generator
 from analysis.arrays import Floats
 from analysis.models.cells import grid
 from analysis.models.critical_scaling import CriticalModel, critical_misfits
-from analysis.models.curves.goodness_of_fit import Misfit, curve_misfits, misfits
+from analysis.models.curves.goodness_of_fit import Misfit, misfits
 from analysis.models.numeric import ROUNDING
 from analysis.models.trends import Course, Trend, course, trend
 from analysis.parts import Part, PartFigure, PartNumbers, Presentation
-from analysis.parts.levels import SECTION, Curves, figure_axes, section_title
+from analysis.parts.levels import SECTION, figure_axes, section_title
 from analysis.parts.shared import apa_p, condition, in_order
 from analysis.plans.rate_plan import RatePlan
 from analysis.plots.psychometric_plots import misfit_plot
@@ -42,6 +42,8 @@ from analysis.report.wording import (
 )
 from protocols.blocks import Cautions, FigurePlace, Paragraph, TableBlock
 
+SIMULATED = "studies that the model simulates"
+
 
 @dataclass(frozen=True)
 class Goodness:
@@ -54,27 +56,24 @@ class Goodness:
     trend : Trend or None
         Of what answers are better than their curves, over the session; None without an order.
     course : Course or None
-    of_people : bool
-        Whether curves are those of participants in one model; else of all answers together.
     """
 
     misfits: tuple[Misfit, ...]
     trend: Trend | None
     course: Course | None
-    of_people: bool
     notes: tuple[str, ...] = ()
 
 
 class GoodnessPart(Part[RatePlan, Goodness]):
-    """Goodness of fit of curves: of the model of participants, or without one of all answers."""
+    """Goodness of fit of the curves of participants in one model."""
 
     name: ClassVar[str] = "goodness"
     section: ClassVar[tuple[str, str]] = SECTION
-    needs: ClassVar[tuple[str, ...]] = ("thresholds", "curves", "critical")
+    needs: ClassVar[tuple[str, ...]] = ("thresholds", "critical")
 
-    def wanted(self, _table: pd.DataFrame, plan: RatePlan) -> bool:
-        """Return True if there is a level."""
-        return plan.level is not None
+    def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
+        """Return True if there is a level, and a model of several people along it."""
+        return plan.level is not None and table["participant"].nunique() > 1
 
     def compute(
         self, table: pd.DataFrame, plan: RatePlan, found: PartNumbers, chance: Generator
@@ -88,7 +87,7 @@ class GoodnessPart(Part[RatePlan, Goodness]):
         elif model is not None and model.population.proper:
             each, predicted = misfits(table, level, table["condition"], model.population, chance)
         else:
-            each, predicted = _of_curves(found.get("curves"), table, plan, chance)
+            raise ValueError("goodness of fit is of curves in the population: there are none")
         if plan.adaptive:
             notes.append("levels were chosen from the answers: the simulation takes them as given")
         if "order" in table and bool(table["order"].notna().any()):
@@ -102,30 +101,23 @@ class GoodnessPart(Part[RatePlan, Goodness]):
             misfits=in_order(each, plan, lambda one: one.condition),
             trend=over,
             course=drawn,
-            of_people=critical is not None or (model is not None and model.population.proper),
             notes=tuple(notes),
         )
 
     def show(self, found: Goodness, plan: RatePlan) -> Presentation:
         """Return a picture of the model's own studies, and of the answers' place among them."""
         over = found.trend
-        simulated = "studies that the model simulates"
-        counted = "each participant's counts from that participant's curve in the model"
-        judged = "a parametric bootstrap of the mixed model"
-        if not found.of_people:
-            simulated, counted = "answers that the curve simulates", "counts from the fitted curve"
-            judged = "a parametric bootstrap of the curve of all answers, fitted anew each time"
-        deviances = _deviances(found, plan, simulated)
+        deviances = _deviances(found, plan)
         told = Paragraph(
-            f"Deviance: of {counted}. Simulated: its mean over {simulated}. A small p says that the"
-            " curves do not fit.",
+            "Deviance: of each participant's counts from that participant's curve in the model."
+            f" Simulated: its mean over {SIMULATED}. A small p says that the curves do not fit.",
             muted=True,
         )
         axes = figure_axes([one.levels for one in found.misfits], plan)
         draw = partial(misfit_plot, found.misfits, found.course, **axes)
         caption = (
             f"Residuals by {plan.level}: right answers observed - expected by the curves;"
-            f" bands: 95 % of {simulated}"
+            f" bands: 95 % of {SIMULATED}"
             f"{'; right: over the session' * (found.course is not None)}."
         )
         return Presentation(
@@ -146,17 +138,18 @@ class GoodnessPart(Part[RatePlan, Goodness]):
             ),
             sentences=tuple(_sentences(found, plan)),
             methods=(
-                f"Goodness of fit was judged by {judged}: deviance, and residuals at each level, of"
-                f" the answers against simulated ones{_TIME * (over is not None)}."
+                "Goodness of fit was judged by a parametric bootstrap of the mixed model: deviance,"
+                " and residuals at each level, of the answers against simulated ones"
+                f"{_TIME * (over is not None)}."
             ),
             tables={"goodness.csv": deviances.frame(), "residuals.csv": _residuals(found.misfits)},
             figures=(PartFigure(self.name, caption, draw),),
         )
 
 
-def _deviances(found: Goodness, plan: RatePlan, simulated: str) -> ResultTable[Misfit]:
+def _deviances(found: Goodness, plan: RatePlan) -> ResultTable[Misfit]:
     return ResultTable.of(
-        f"Goodness of fit, by {simulated}",
+        f"Goodness of fit, by {SIMULATED}",
         found.misfits,
         condition(plan),
         attribute("Deviance", "deviance", size, "strong"),
@@ -229,27 +222,6 @@ def _of_scalings(
         np.searchsorted(model.likelihood.scalings, levels),
     ]
     return each, predicted
-
-
-def _of_curves(
-    curves: Curves | None, table: pd.DataFrame, plan: RatePlan, chance: np.random.Generator
-) -> tuple[tuple[Misfit, ...], Floats]:
-    """Return the distance of the curves of all answers from these, and the chance of each trial.
-
-    Raises
-    ------
-    ValueError
-        If no curve was fitted to each condition.
-    """
-    if curves is None or set(curves.curves) != set(table["condition"]):
-        raise ValueError("no curve of each condition could be fitted")
-    counts = {name: one.arrays for name, one in curves.counts.items()}
-    predicted = np.zeros(len(table))
-    levels = pd.to_numeric(table[str(plan.level)]).to_numpy(dtype=np.float64)
-    for name, fit in curves.curves.items():
-        own = (table["condition"] == name).to_numpy()
-        predicted[own] = fit(levels[own])
-    return curve_misfits(curves.curves, counts, plan.guess, chance), predicted
 
 
 _TIME = "; residuals over the session by each participant's slope, in a t test"

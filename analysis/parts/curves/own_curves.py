@@ -76,9 +76,21 @@ class OwnCurves:
 
 
 class OwnCurvesPart(LevelsPart[OwnCurves]):
-    """Psychometric functions of each person, by their posterior; thresholds compared."""
+    """Psychometric functions of each person, by their posterior; thresholds compared.
+
+    `instead`: only where one person took part, and so no population can be told.
+    """
 
     name: ClassVar[str] = "psychometric"
+
+    def __init__(self, *, instead: bool = False) -> None:
+        self._instead = instead
+
+    def wanted(self, table: pd.DataFrame, plan: RatePlan) -> bool:
+        """Return True if there is a level, and, where `instead`, nobody else for a population."""
+        return super().wanted(table, plan) and not (
+            self._instead and table["participant"].nunique() > 1
+        )
 
     def of(self, table: pd.DataFrame, plan: RatePlan) -> OwnCurves:
         """Fit each person in each condition, and compare what the answers place."""
@@ -122,6 +134,7 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
         }
         table = _table(found, plan)
         several = ", Holm-adjusted" * any(len(one) > 1 for one in found.within.values())
+        said, alone = tuple(_sentences(found, plan)), len(found.counts) == 1
         return Presentation(
             title=self.title(plan),
             blocks=(
@@ -144,10 +157,12 @@ class OwnCurvesPart(LevelsPart[OwnCurves]):
                     "Each participant's conditions, compared",
                     "They speak of one person's answers each; the population's thresholds speak of"
                     " people like these.",
-                    (CopyText(tuple(_sentences(found, plan))),),
+                    (CopyText(said),),
                 ),
             )
-            * any(found.within.values()),
+            * (bool(said) and not alone),
+            headline=" ".join(said) * alone,
+            sentences=said * alone,
             methods=(
                 "Each participant's psychometric function is the median of a posterior with priors"
                 " on lapses, guesses and overdispersion (Schütt, Harmeling, Macke & Wichmann,"

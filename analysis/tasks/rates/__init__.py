@@ -19,7 +19,7 @@ from analysis.parts.curves.goodness import GoodnessPart
 from analysis.parts.curves.own_curves import OwnCurvesPart
 from analysis.parts.interaction import RateInteraction
 from analysis.parts.learning import RightLearning
-from analysis.parts.levels import SECTION, CurvesPart, ThresholdsPart
+from analysis.parts.levels import SECTION, ThresholdsPart
 from analysis.parts.people import PeoplePart
 from analysis.parts.random_effects import RightEffects
 from analysis.parts.right_models import ModelsPart
@@ -59,8 +59,8 @@ def rate_parts(*sensitivity: AnyPart, levels: Sequence[AnyPart] = ()) -> tuple[A
         RatesPart(),
         *sensitivity,
         *levels,
-        CurvesPart(),
         ThresholdsPart(),
+        OwnCurvesPart(instead=True),
         GoodnessPart(),
         ComparisonsPart(),
         RateInteraction(),
@@ -249,7 +249,6 @@ class TableOfLevels(RatesTask[CurveTableSection]):
     task = "answers"
     options = CurveTableSection
     parts = (
-        CurvesPart(),
         ThresholdsPart(),
         GoodnessPart(),
         OwnCurvesPart(),

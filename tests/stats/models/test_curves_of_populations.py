@@ -15,8 +15,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scipy import stats
 from scipy.special import ndtri
 
-from analysis.models.curves.goodness_of_fit import _deviances, _refitted, curve_misfits, misfits
-from analysis.models.psychometric import CurveForm, fit_psychometric
+from analysis.models.curves.goodness_of_fit import misfits
+from analysis.models.curves.response import CurveForm
 from analysis.models.thresholds import ThresholdModel, fit_thresholds
 from analysis.plots import DrawnCurve, people_plot, psychometric_plot
 
@@ -127,27 +127,6 @@ def test_a_curve_that_answers_do_not_follow_is_found_by_level():
     worst = int(np.argmin(a.residuals))
     assert a.levels[worst] == 2.0
     assert a.residuals[worst] < a.lower[worst]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("shape", "falling"), [("gauss", False), ("gumbel", True), ("weibull", False)]
-)
-def test_what_a_curve_simulates_is_fitted_anew_as_the_answers_were(shape, falling, rng):
-    """No worse than the search that fits answers, set by set, which can be stuck at a bound."""
-    levels = np.exp(np.linspace(-1, 1, 7)) if shape == "weibull" else np.linspace(-3, 3, 7)
-    right, shown = np.array([9.0, 11, 12, 15, 18, 20, 20]), np.full(7, 20.0)
-    right = right[::-1] if falling else right
-    curve = CurveForm(shape=shape, falling=falling)
-    fit = fit_psychometric(levels, right, shown, curve)
-    drawn = rng.binomial(20, np.tile(fit(levels), (6, 1))).astype(float)
-    found = _deviances(drawn, _refitted(fit, levels, drawn, shown, 0.5), shown)
-    best = [fit_psychometric(levels, one, shown, curve).deviance for one in drawn]
-    (one,) = curve_misfits({"a": fit}, {"a": (levels, right, shown)}, 0.5, rng)
-
-    assert np.all(found <= np.array(best) + 0.3)
-    assert one.deviance == pytest.approx(fit.deviance, abs=1e-5)
-    assert one.expected == pytest.approx(4.2, abs=1.3)  # 7 levels less 3 parameters
 
 
 def drawn_curve() -> DrawnCurve:

@@ -8,9 +8,9 @@ import pytest
 from scipy import optimize, stats
 
 from analysis.models.contrasts import CrossedDesign, Effect, between_df
+from analysis.models.curves.response import CurveForm
 from analysis.models.mixed.reaction_model import time_model
 from analysis.models.ordinal import rating_model
-from analysis.models.psychometric import CurveForm
 from analysis.models.thresholds import fit_thresholds
 
 PEOPLE = 6

@@ -14,7 +14,7 @@ from undrawn_reports import undrawn
 from analysis.models.cells import checked, grid
 from analysis.models.clustered import two_way_difference
 from analysis.models.contrasts import Difference
-from analysis.models.second_factor import jod_interactions, share_interactions
+from analysis.models.right_answers import share_interactions
 from analysis.parts.interaction import Interaction, Interactions, PreferenceInteraction
 from analysis.parts.preferences import PreferencesPart
 from analysis.plans.table_sections import PreferenceTableSection
@@ -86,24 +86,19 @@ def test_scenes_of_one_size_each_are_two_samples(rng):
     assert float(found.df) == pytest.approx(welch, rel=1e-3)
 
 
-def test_of_two_methods_jod_is_the_normal_quantile_of_the_share(rng):
-    table = pairs(rng, people=12)
-    rows = checked(table, ())
-    places, happened = events(table)
-    votes, share = {}, {}
-    for size, event in happened.items():
-        won, lost = places.count(event["ours"]), places.count(1 - event["ours"])
-        share[size] = won.sum() / (won + lost).sum()
-        zero = np.zeros_like(won)
-        votes[size] = np.stack([zero, won, lost, zero], -1).reshape(*won.shape, 2, 2)
-    ((one,),) = jod_interactions(votes, ("ours", "blur"), [("ours", "blur")], level=0.95,
-                                 samples=500, rng=np.random.default_rng(0)).values()  # fmt: skip
-    jod = {size: stats.norm.ppf(value) / stats.norm.ppf(0.75) for size, value in share.items()}
+@pytest.mark.parametrize("alone", [2, 3])
+def test_two_people_against_many_have_one_degree_of_freedom(alone, rng):
+    """Welch's degrees would grow with the many where the two happen to agree."""
+    shown = np.zeros((2, alone + 20, 1))
+    shown[0, :alone] = shown[1, alone:] = 1.0
+    person = np.concatenate([0.1 * np.arange(alone), rng.normal(0.0, 1.0, 20)])[:, None]
+    moved = [(person - person[one > 0].mean()) * one / one.sum() for one in shown]
+    found = two_way_difference(0.5, (moved[0], moved[1]), (shown[0], shown[1]))
+    groups = person[:alone, 0], person[alone:, 0]
+    welch = stats.ttest_ind(*groups, equal_var=False).df
 
-    assert len(rows) == sum(len(event["ours"]) for event in happened.values())
-    assert one.difference == pytest.approx(jod["small"] - jod["large"], abs=1e-6)
-    assert one.lower < one.difference < one.upper
-    assert (one.p < 0.05) == (one.lower > 0 or one.upper < 0)
+    assert welch > 3.0
+    assert float(found.df) == pytest.approx(1.0 if alone == 2 else welch)
 
 
 @pytest.mark.parametrize("apart", [False, True])
@@ -150,13 +145,12 @@ def test_a_table_of_preferences_has_it_where_it_is_asked_for(rng, tmp_path):
     _, found, page = imported(table, tmp_path / "b", "interaction=size", "primary=ours/blur")
 
     assert "interaction" not in without
-    (share,), (jod,) = found["interaction"]["shares"], found["interaction"]["jod"]
+    (share,) = found["interaction"]["shares"]
     assert share["gap"]["p"] < 0.05
     assert share["gap"]["difference"] == pytest.approx(
         found["preferences"]["table"]["cells"][0]["share"]
         - found["preferences"]["table"]["cells"][1]["share"]
     )
-    assert jod["gap"]["lower"] < jod["gap"]["difference"] < jod["gap"]["upper"]
     assert "Interaction with size" in page
     assert "large minus small" in page
 
@@ -236,7 +230,7 @@ def test_a_box_that_leaves_planned_changes_out_says_how_many():
         for other in ("blur", "plain")
         for pair in combinations("abcd", 2)
     )
-    found = Interactions("size", 0.5, (), changes, changes, (), ())
+    found = Interactions("size", 0.5, (), changes, changes, ())
     (box,) = PreferenceInteraction().show(found, plan).lead
 
     assert str(box).count("ours / blur: ") == 6
@@ -255,7 +249,7 @@ def test_planned_changes_are_adjusted_by_themselves_in_table_and_sentences_too(r
 
     assert (planned.first, planned.second) == ("ours", "blur")
     assert planned.gap.p_adjusted == planned.gap.p
-    assert [one.gap for one in found.planned] == [planned.gap, found.jod[0].gap]
+    assert [one.gap for one in found.planned] == [planned.gap]
     assert len(others) == 2
     assert all(one.gap.p_adjusted == pytest.approx(min(1, 2 * one.gap.p)) for one in others)
     sentence, *_ = PreferenceInteraction().show(found, plan).sentences

@@ -17,7 +17,6 @@ from command_line import result_of
 from analysis.models import scaling
 from analysis.models.logistic import glm_logit, models_beside
 from analysis.models.ordinal import paired_ratings, rating_model
-from analysis.models.psychometric import fit_psychometric
 from analysis.models.reaction import reaction_times
 from analysis.models.trends import trend
 from analysis.parts import computed
@@ -25,7 +24,6 @@ from analysis.parts.learning import Learning, StepLearning, apa_trend
 from analysis.parts.ratings import RatingsPart
 from analysis.plans.table_sections import RatingTableSection
 from analysis.plots import reaction_plot
-from analysis.report.values import as_json
 from analysis.tasks import analysis_of
 
 SCALE = ["bad", "poor", "fair", "good", "excellent"]
@@ -193,15 +191,6 @@ def test_thresholds_that_no_answer_places_have_no_number_anywhere(tmp_path, answ
     assert numbers["thresholds"]["participant_sd"] is None
     assert numbers["psychometric"]["people"][0]["fit"]["threshold"] is None
     assert not pd.read_csv(out / "tables" / "comparisons_of_people.csv").size
-
-
-def test_a_pooled_curve_that_is_flat_has_no_threshold_in_json():
-    levels = np.array([1.0, 2.0, 3.0, 4.0])
-    flat = as_json(fit_psychometric(levels, np.full(4, 10.0), np.full(4, 20.0)))
-    placed = as_json(fit_psychometric(levels, np.array([10.0, 12, 17, 20]), np.full(4, 20.0)))
-
-    assert (flat["threshold"], flat["width"], flat["threshold_limits"]) == (None, None, None)
-    assert 1 < placed["threshold"] < 4
 
 
 def coin(rng: np.random.Generator, **columns: object) -> pd.DataFrame:

@@ -15,7 +15,8 @@ from analysis.models.curves.psychometric_posterior import (
     compare_thresholds,
     psychometric_posterior,
 )
-from analysis.models.psychometric import CurveForm, sigmoid
+from analysis.models.curves.response import CurveForm
+from protocols.adaptive.psychometric_function import sigmoid
 
 ORACLE = json.loads((Path(__file__).parents[1] / "oracles" / "oracle_psignifit.json").read_text())
 LEVELS = np.array(ORACLE["levels"])

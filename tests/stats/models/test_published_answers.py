@@ -21,7 +21,6 @@ from analysis.models.mixed.logit import fit_logit, information
 from analysis.models.observers import check_observers
 from analysis.models.paired.paired_counts import JOD_SIGMA, difference_design, pair_index
 from analysis.models.preference import preferences
-from analysis.models.psychometric import CurveForm, fit_psychometric
 from analysis.models.scaling import scale
 from analysis.report.wording import share
 from analysis.tables.decisions import read_decisions
@@ -439,41 +438,6 @@ def test_ties_as_half_votes_equal_evalicas_golden_scores(stats_data: Reader):
     np.testing.assert_allclose(found / found.sum(), wanted / wanted.sum(), atol=1e-4)
 
 
-def test_psychometric_functions(expected: Answers, stats_data: Reader):
-    table = stats_data("psignifit_demo.csv")
-    answer = expected["psignifit_demo"]
-    fit = fit_psychometric(table["level"].to_numpy(), table["k"].to_numpy(), table["n"].to_numpy())
-
-    assert fit.threshold == pytest.approx(answer["ML_plain"]["threshold"], rel=1e-4)
-    assert fit.width == pytest.approx(answer["ML_plain"]["width"], rel=1e-4)
-    share = fit(table["level"].to_numpy())
-    k, n = table["k"].to_numpy(), table["n"].to_numpy()
-    loss = -np.sum(k * np.log(share) + (n - k) * np.log(1 - share))
-    assert loss == pytest.approx(answer["ML_plain"]["nll"], **CLOSE)
-    # psignifit reports the mode and limits of a posterior, with priors and overdispersion; ours
-    # are the likelihood's. How near they come:
-    mode = answer["MATLAB_MAP"]
-    assert fit.threshold == pytest.approx(mode["threshold"], rel=1e-3)
-    assert fit.width == pytest.approx(mode["width"], rel=0.01)
-    assert (fit.lapse, mode["eta"]) == (
-        pytest.approx(mode["lambda"], **CLOSE),
-        pytest.approx(0, abs=2e-4),
-    )
-    assert fit.threshold_limits == pytest.approx(answer["MATLAB_CI95_threshold"], rel=0.02)
-    assert fit.threshold_limits == pytest.approx(answer["py4.3_CI95_threshold"], rel=0.03)
-    assert fit.width_limits == pytest.approx(answer["MATLAB_CI95_width"], rel=0.06)
-
-    levels = np.arange(0.25, 1.76, 1 / 6)
-    two = answer["test1_2AFC_gauss"]
-    fit = fit_psychometric(levels, np.array(two["k_of_10"]), np.full(10, 10))
-    assert (fit.threshold, fit.width) == pytest.approx((two["threshold"], two["width"]), rel=1e-3)
-    yes = answer["yesno_gauss"]
-    fit = fit_psychometric(
-        levels, np.array(yes["k_of_10"]), np.full(10, 10), CurveForm(0.0, lapse=0.0)
-    )
-    assert (fit.threshold, fit.width) == pytest.approx((yes["threshold"], yes["width"]), rel=0.03)
-
-
 def test_seeing_quanta(expected: Answers, stats_data: Reader):
     """Hecht, Shlaer and Pirenne's second run of S. H.: a logistic regression on log quanta."""
     table = stats_data("mpdir_HSP.csv")
@@ -490,12 +454,6 @@ def test_seeing_quanta(expected: Answers, stats_data: Reader):
     saturated = xlogy(seen, share) + xlogy(trials - seen, 1.0 - share)
     deviance = 2.0 * (float(saturated.sum()) - solution.log_likelihood)
     assert deviance == pytest.approx(answer["dev"], **CLOSE)
-    x = np.log10(run["Q"].to_numpy())
-    fit = fit_psychometric(x, seen, run["N"].to_numpy(), CurveForm(0.0, lapse=0.0))
-    intercept, slope = answer["probit_log10Q"]
-    assert fit.threshold == pytest.approx(-intercept / slope, **CLOSE)
-    assert 2.0 * stats.norm.ppf(0.95) / fit.width == pytest.approx(slope, **CLOSE)
-    assert fit.deviance == pytest.approx(answer["probit_dev"], **CLOSE)
 
 
 def test_discrimination(expected: Answers):

@@ -7,9 +7,8 @@ from made_up_trials import TaskDesign, simulate_identification
 from scipy.special import ndtr
 
 from analysis.models.curves.quadrature import fit_people
-from analysis.models.curves.response import ResponseFunction
+from analysis.models.curves.response import CurveForm, ResponseFunction
 from analysis.models.logistic import glmm_logit
-from analysis.models.psychometric import CurveForm
 from analysis.models.thresholds import fit_thresholds
 from protocols.adaptive.psychometric_function import probability
 

@@ -11,7 +11,6 @@ from task_cases import case_text
 from web_study import WEB_CASES
 
 from analysis.parts import Part, computed
-from analysis.parts.interaction import PreferenceInteraction
 from analysis.parts.shared import planned_family
 from analysis.plans.rate_plan import RatePlan
 from analysis.plans.table_sections import CurveTableSection
@@ -135,29 +134,6 @@ def test_p_of_people_who_all_agree_is_the_least_that_planning_promises(rng):
     assert tests[""]().min() == pytest.approx(6 * least)
     assert [len(first.hopeless(6, alpha)) for alpha in (least, 1.01 * least)] == [1, 0]
     assert [len(every.hopeless(6, 6 * alpha)) for alpha in (least, 1.01 * least)] == [1, 0]
-
-
-@pytest.mark.parametrize("large", [3, 4])
-def test_scenes_of_one_size_alone_hold_changes_in_jod(large, rng):
-    """As few scenes are drawn as people are: of three no p is below 2/2^3 = .25."""
-    plan = analysis_of("preference").plan(load_protocol(Path("inpainting-2afc")))
-    one = plan.comparisons[0]
-    scenes = {"small": "abcde", "large": "vwxyz"[:large]}
-    apart = tuple(replace(one, size=size, scenes=tuple(names)) for size, names in scenes.items())
-    plan = plan.but(comparisons=apart, pairings=plan.pairings[:1], interaction="size")
-    simulation = Choices(plan, (PreferenceInteraction(),))
-    in_jod = next(one for one in simulation.families() if one.scenes)
-    assumed = {one.name: one.value for one in simulation.assumptions}
-    answers = simulation.draw(assumed, 1, 12, rng)
-    small = (simulation.cells["size"] == "small").to_numpy()
-    given = np.broadcast_to(small, answers.given.shape) ^ (rng.random(answers.given.shape) < 0.05)
-    table = simulation.table(replace(answers, given=given))
-    (part,) = simulation.parts
-    found = part.compute(table, plan, {}, rng)
-
-    assert found.jod[0].gap.p == pytest.approx(2 * 0.5**large)
-    assert found.shares[0].gap.p < 0.05
-    assert in_jod.hopeless(12, 0.05)[0] in found.notes
 
 
 def test_changes_of_right_answers_are_warned_of_at_planning(tmp_path):

@@ -20,11 +20,12 @@ from matplotlib.transforms import Bbox
 from analysis.models.bootstrap import bootstrap_scale
 from analysis.models.compared_methods import counts, pairing_rows
 from analysis.models.critical_scaling import critical_scalings
+from analysis.models.curves.psychometric_posterior import psychometric_posterior
+from analysis.models.curves.response import CurveForm
 from analysis.models.detection import discrimination, yes_no
 from analysis.models.order_and_side import Bias, order_bias, side_bias
 from analysis.models.ordinal import rating_model
 from analysis.models.preference import preferences
-from analysis.models.psychometric import CurveForm, fit_psychometric
 from analysis.models.reaction import reaction_times
 from analysis.models.scaling import scale
 from analysis.models.thresholds import fit_thresholds
@@ -109,8 +110,7 @@ def draw(make_decisions, demo_protocol) -> dict[str, Draw]:
     curves = {}
     for name, place in (("Reference", 22), ("Blur 0.35", 20), ("Blur 0.70", 17), ("Ours", 21)):
         good = rng.binomial(trials, 0.5 + 0.5 / (1 + np.exp((x - place) / 3)))
-        curve = CurveForm(lapse=0.0, shape="logistic", falling=True)
-        fit = fit_psychometric(x, good, trials, curve)
+        fit = psychometric_posterior(x, good, trials, CurveForm(shape="logistic", falling=True))
         curves[name] = (x, good, trials, fit)
     sizes = TaskDesign(8, 4, 3)
     said = simulate_yes_no(sizes, {"blur": 0.6, "ours": 0.3, "F&S": 1.5}, rng)

@@ -21,15 +21,14 @@ from undrawn_reports import undrawn
 
 from analysis.models.mixed.inference import Inference
 from analysis.models.mixed.reaction_model import time_model
-from analysis.parts.levels import CurvesPart
 from analysis.parts.times import Times, TimesPart
-from analysis.plans.table_sections import CurveTableSection, TimeTableSection
+from analysis.plans.table_sections import TimeTableSection
 from analysis.repeat import lme4_effects, scripts
 from analysis.report.write_report import report_decisions
 from analysis.tasks import analysis_of
 from analysis.tasks.note import write_note
 
-ALONG_LEVELS = {f"{name}.{end}" for name in ("right", "curves") for end in ("R", "py")}
+ALONG_LEVELS = {"right.R", "right.py"}
 HELD = {
     "preference": {"choices.R", "choices.py", "times.R", "times.py"},
     "detection": {"right.R", "right.py", "times.R", "times.py"},
@@ -141,7 +140,6 @@ def test_scripts_of_r_find_the_numbers_of_the_report(name, report):
 CHANGED: dict[str, tuple[Any, ...]] = {
     "choices.py": ("preferences.csv", "share"),
     "right.py": ("models.csv", "estimate", 0),
-    "curves.py": ("levels.csv", "right"),
     "times.py": ("times.csv", "median_s"),
     "ratings.py": ("ratings.csv", "share_1"),
     "right.R": ("models.csv", "standard_error"),
@@ -157,13 +155,12 @@ CHANGED: dict[str, tuple[Any, ...]] = {
     ],
 )
 def test_a_number_that_differs_ends_a_script_with_status_1(script, report, tmp_path, capsys):
-    study = {"choices": "preference", "right": "two-answers", "curves": "two-answers"}
+    study = {"choices": "preference", "right": "two-answers"}
     folder = tmp_path / "report"
     shutil.copytree(report(study.get(script.split(".")[0], "ratings")), folder)
     name, column, *row = CHANGED[script]
     table = pd.read_csv(folder / "tables" / name)
-    change = -3 if column == "right" else 0.2
-    table[column] = table[column] + change * (np.arange(len(table)) == (row or [len(table) - 1])[0])
+    table[column] = table[column] + 0.2 * (np.arange(len(table)) == (row or [len(table) - 1])[0])
     table.to_csv(folder / "tables" / name, index=False)
     if script.endswith(".R"):
         needed_r()
@@ -180,7 +177,7 @@ def test_odd_names_are_found_by_both_languages(tmp_path, capsys):
     kind, options, make = TABLES["two-answers"]
     folder = odd_report(tmp_path, kind, make(), **options)
 
-    assert len(scripts_in(folder)) == 6
+    assert len(scripts_in(folder)) == 4
     for script in scripts_in(folder, ".py"):
         assert status(script) == 0, capsys.readouterr().out
     needed_r()
@@ -274,32 +271,6 @@ def test_statsmodels_finds_limits_of_times_where_a_deviation_is_small(tmp_path, 
         report_decisions(tmp_path / "times.csv", tmp_path / "report", figure_files="none")
 
     assert status(tmp_path / "report" / "scripts" / "times.py") == 0, capsys.readouterr().out
-
-
-@pytest.mark.parametrize("language", [pytest.param("R", marks=pytest.mark.slow), "py"])
-def test_a_curve_between_two_levels_is_as_likely_at_the_threshold_of_the_report(
-    language, tmp_path, capsys
-):
-    """From the best curve a search does not find the one that is as good there."""
-    counts = ((1, 6, 13), (2, 7, 19), (3, 10, 15), (4, 23, 25), (5, 21, 24))
-    rows = pd.DataFrame(
-        [(f"P{k % 4}", x, int(k < right)) for x, right, shown in counts for k in range(shown)],
-        columns=["participant", "level", "correct"],
-    )
-    plan = analysis_of("psychometric").plan_of_table(rows, "rows", CurveTableSection(level="level"))
-    rows = rows.assign(condition="all")
-    shown = CurvesPart().show(CurvesPart().of(rows, plan), plan)
-    script = tmp_path / "scripts" / f"curves.{language}"
-    for folder in ("scripts", "tables"):
-        (tmp_path / folder).mkdir()
-    script.write_text(shown.scripts[script.name], encoding="utf-8")
-    shown.tables["levels.csv"].to_csv(tmp_path / "tables" / "levels.csv", index=False)
-    if language == "R":
-        needed_r()
-        done = run_r(script)
-        assert done.returncode == 0, done.stdout + done.stderr
-    else:
-        assert status(script) == 0, capsys.readouterr().out
 
 
 def test_no_name_ends_a_text_of_a_script():

@@ -237,7 +237,7 @@ def test_numbers_of_the_page_are_those_of_the_json_and_of_the_trials(reported):
         assert f"{rate['count']} / {rate['trials']}" in reported.html
         assert share(rate["share"]) in reported.html
         assert rate["chance"] == pytest.approx(1 / len(reported.protocol.task.answers()))
-    for name, counts in results.get("curves", {"counts": {}})["counts"].items():
+    for name, counts in results.get("thresholds", {"counts": {}})["counts"].items():
         part = rows[rows["method"] == name]
         assert sum(counts["trials"]) == len(part)
 
@@ -291,9 +291,7 @@ def test_psychometric_functions_have_the_shape_that_the_rule_plans_with(reported
     shape = "weibull" if reported.task == "adaptive" else "gauss"
 
     assert reported.numbers["settings"]["shape"] == shape
-    fits = results.get("curves", {"curves": {}})["curves"]
-    for fit in (*fits.values(), *filter(None, [results.get("thresholds")])):
-        assert fit["shape"] == shape
+    assert results.get("thresholds", {"shape": shape})["shape"] == shape
     for said in ("Shape: Weibull", "natural logarithms of thresholds"):
         assert (said in reported.html) == (reported.task == "adaptive")
 
@@ -314,7 +312,7 @@ def test_tidy_tables_say_their_task_and_give_the_same_numbers_again(reported, tm
     kind = read_note(tmp_path / "t" / "decisions.csv").kind
     assert kind == reported.protocol.analysis.kind
     assert found["simulated"] is True
-    for part, numbers in (("rates", "conditions"), ("comparisons", None), ("curves", "counts")):
+    for part, numbers in (("rates", "conditions"), ("comparisons", None), ("thresholds", "counts")):
         before, after = (one["results"].get(part) for one in (found, reported.numbers))
         assert before == after or before[numbers] == after[numbers], part
 
@@ -397,7 +395,6 @@ def test_thresholds_of_simulated_observers_come_out_without_naming_answers(tmp_p
     assert [one.condition for one in results["thresholds"].thresholds] == ["reference", "ours"]
     for one, true in zip(results["thresholds"].thresholds, (12.0, 18.0), strict=True):
         assert one.lower < true < one.upper
-        assert results["curves"].curves[one.condition].threshold == pytest.approx(true, abs=1.5)
     slope = results["models"].independent["level"].estimate
     assert slope < 0
     assert results["models"].independent["method[T.ours]"].estimate > 0
@@ -556,8 +553,9 @@ def test_a_table_of_another_tool_gives_psychometric_functions_without_a_program(
 
     found = json.loads((tmp_path / "r" / "results.json").read_text())
     assert found["settings"]["values"] == ["b", "a"]
-    assert set(found["results"]["curves"]["curves"]) == {"a", "b"}
-    widths = [one["width"] for one in found["results"]["curves"]["curves"].values()]
+    thresholds = found["results"]["thresholds"]["thresholds"]
+    assert {one["condition"] for one in thresholds} == {"a", "b"}
+    widths = [one["width"] for one in thresholds]
     assert any(widths)  # a curve whose threshold the answers do not place has none
     assert all(width < 0 for width in widths if width is not None)
     titled = ("--title", "Acuity <1>", "--no-figures")
