@@ -19,14 +19,16 @@ from protocols.limits import LIMITS_VARIABLE, limit
 MEMORY_FOR_A_BYTE, SECONDS_FOR_A_BYTE = 4000, 6e-5
 """Memory (bytes) and time (s) that each byte of a photograph allows beyond the limits, ..."""
 MEMORY_FOR_A_BYTE_OF_A_MESH: Final = 400
-PIXELS_OF_A_BYTE: Final = 20
-"""... which has 0.1 bytes a pixel and more: flat colour has 0.003, and as JPEG 0.015."""
+PIXELS_OF_A_BYTE: Final = 60
+"""... or a slide, which has 0.017 bytes a pixel and more as JPEG: flat colour as PNG has 0.003."""
 _MIB: Final = 1 << 20
 _FRAME_BYTES: Final = 12
 NEEDS: Final = {
     "read": (150 * _MIB, 40, 0.2),
     "warp": (370 * _MIB, 135, 2.0),
-    "foveate": (590 * _MIB, 75, 1.0),
+    "foveate": (340 * _MIB, 100, 1.0),
+    "foveate blur": (300 * _MIB, 32, 1.0),
+    "foveate metamer": (340 * _MIB, 48, 1.0),
     "foveate by numpy": (190 * _MIB, 900, 5.0),
     "compress": (150 * _MIB, 540, 5.0),
     "decompress": (650 * _MIB, 30, 1.0),

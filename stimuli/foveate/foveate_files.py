@@ -23,6 +23,7 @@ from pipeline.pictures.colour_file import (
     read_any,
     save_colour,
 )
+from pipeline.pictures.size_limits import NEEDS
 from protocols.disk.result_folder import whole_folder
 from stimuli.foveate import metamer_page as pages
 from stimuli.foveate.condition_sheet import ConditionPicture, check_choices, look_through, sheet_of
@@ -151,7 +152,9 @@ def foveate_file(
     check_seed(seed)
     by_numpy = ctx is None or asked.compare is not None or asked.steps is not None
     check_drawable(picture, ctx)
-    opened = read_any(picture, reading, "foveate by numpy" if by_numpy else "foveate")
+    lean = all(f"foveate {choice.name}" in NEEDS for choice in choices)
+    command = f"foveate {max(choice.name for choice in choices)}" if lean else "foveate"
+    opened = read_any(picture, reading, "foveate by numpy" if by_numpy else command)
     height, width = opened.size
     looking = viewing.of((height, width))
     work = _Work(

@@ -20,7 +20,7 @@ import pytest
 import trimesh
 from command_line import metamerlab
 from number_files import load_plane
-from PIL import Image
+from PIL import Image, ImageDraw
 from study_texts import shipped_study
 
 from analysis.export.bids_gaze import read_samples
@@ -631,3 +631,13 @@ def test_a_video_that_is_a_list_of_others_is_refused_under_any_ending(tmp_path, 
     ):  # fmt: skip
         with pytest.raises(InputError, match="no list of others"):
             read(path)
+
+
+@pytest.mark.parametrize("command", ["foveate blur", "foveate metamer", "foveate"])
+def test_a_slide_of_a_camera_s_size_is_taken_as_a_small_jpeg(tmp_path, command):
+    """Two words on white: 45 pixels in each byte, as slides and posters have."""
+    page = Image.new("RGB", (4200, 2800), (250, 250, 250))
+    ImageDraw.Draw(page).text((200, 300), "A slide " * 9, fill=(20, 40, 160), font_size=240)
+    page.save(tmp_path / "slide.jpg", quality=85)
+    assert 20 < 4200 * 2800 / (tmp_path / "slide.jpg").stat().st_size < 60
+    check_fits(tmp_path / "slide.jpg", command)
