@@ -15,6 +15,8 @@ from protocols.units import Hertz, Luminance, Millimetres, Model, Name, Pixels, 
 
 FRAME_TOLERANCE = 1e-6
 """Largest distance, in frames, of a duration from a whole number of them."""
+COMMON_PITCH_MM = 25.4 / 96
+"""Size of a pixel of a common screen, of 96 an inch: 24 inches of 1920 x 1080 have .277 mm."""
 COMMON_RATES_HZ = (60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 165.0, 240.0)
 
 

@@ -15,11 +15,12 @@ from pipeline.pictures import colour_file
 from pipeline.pictures.colour_file import PictureReading, load_colour, read_any, save_colour
 from pipeline.pictures.decode import read_pixels
 from pipeline.pictures.write import write_pixels
+from protocols.display import Display
 from stimuli.foveate.condition_sheet import _named, draw_pools, ring_eccentricities, usual_choices
 from stimuli.foveate.foveate_files import Outputs, foveate_file
 from stimuli.foveate.foveation_steps import condition_steps
 from stimuli.media.frames_folder import Reporter
-from stimuli.media.gaze_and_display import StatedViewing, read_gaze
+from stimuli.media.gaze_and_display import StatedViewing, read_gaze, width_deg
 from stimuli.media.moving import shrunk, wandering
 
 HEIGHT, WIDTH = 48, 64
@@ -427,6 +428,25 @@ def test_one_lamp_does_not_make_a_panorama_black(tmp_path):
     assert "most would be black" in said
     shown = read_pixels(tmp_path / "out.exr").data
     np.testing.assert_allclose(shown[0, 0], 0.18, rtol=4e-3)
+
+
+def test_the_distance_is_told_from_which_a_common_screen_is_right(png, tmp_path):
+    """By hand: 64 px of 25.4/96 mm are 40 degrees wide from 23.3 mm, and 8 from 121 mm."""
+    for more, distance in (((), "2 cm"), (("--fov", "8"), "12 cm")):
+        said = run(png, tmp_path / "out.png", *more, *FAST)[1]
+        assert f"right on a common screen from {distance})" in " ".join(said.split())
+
+
+def test_without_a_statement_a_monitor_is_seen_from_60_cm():
+    """By hand: 512 px of .25 mm are 128 mm wide: 2 atan(64 / 600)."""
+    monitor = Display(
+        name="monitor", width_px=1000, height_px=800, width_mm=250, height_mm=200,
+        distance_mm=600, refresh_hz=60,
+    )  # fmt: skip
+    looking = StatedViewing(monitor=monitor).of((512, 512))
+    assert width_deg(looking.geometry) == pytest.approx(12.18, abs=0.01)
+    assert "0.250 mm a pixel, from 60 cm" in looking.words
+    assert width_deg(StatedViewing(fov_deg=20, monitor=monitor).of((512, 512)).geometry) == 20
 
 
 def test_a_frame_of_one_pixel_is_noted(tmp_path, colour):

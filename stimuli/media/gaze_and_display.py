@@ -17,6 +17,7 @@ from pipeline.foveation.geometry import (
     Viewing,
     check_gaze,
 )
+from protocols.display import COMMON_PITCH_MM, Display
 from protocols.load import load_display
 from protocols.plausible_numbers import RANGES, hardly_meant
 
@@ -51,12 +52,15 @@ class StatedViewing:
         either a flat picture is 40 degrees wide.
     panorama : bool
         The picture is equirectangular, all around.
+    monitor : Display, optional
+        What shows it where neither is stated, pixel for pixel.
     """
 
     gaze: str | None = None
     display: str | None = None
     fov_deg: float | None = None
     panorama: bool = False
+    monitor: Display | None = None
 
     def of(self, size: tuple[int, int]) -> GazeAndDisplay:
         """Return the gaze and the display with which a picture of (height, width) is looked at.
@@ -80,10 +84,17 @@ class StatedViewing:
         if self.display is not None and self.fov_deg is not None:
             raise InputError("give --display or --fov, not both: each says how wide the picture is")
         notes: list[str] = []
+        screen = self.monitor if self.fov_deg is None else None
         if self.display is not None:
             screen = load_display(self.display)
+        if screen is not None:
             flat = Flat(distance_px=screen.distance_mm / screen.pitch_x_mm)
             where = f"display {screen.name}, pixel for pixel"
+            if self.display is None:
+                where = (
+                    f"{screen.name}, {screen.pitch_x_mm:.3f} mm a pixel, from"
+                    f" {screen.distance_mm / 10:.0f} cm; --display or --fov says otherwise"
+                )
             if width > screen.width_px or height > screen.height_px:
                 notes.append(
                     f"the picture ({width} x {height} px) is larger than the display"
@@ -103,6 +114,8 @@ class StatedViewing:
         if self.fov_deg and math.radians(shown.distance_px) > RANGES["px_per_deg"][1]:
             asked = hardly_meant("view_deg", self.fov_deg)
             notes.append(f"--fov {self.fov_deg:g}: that is finer than displays are{asked}")
+        if screen is None:
+            where += f"; right on a common screen from {common_distance_cm(shown):.0f} cm"
         words = (
             f"field of view: {width_deg(shown):.1f} x {height_deg(shown):.1f} degrees"
             f" ({where}), {_density(shown)}"
@@ -112,6 +125,11 @@ class StatedViewing:
 
 AS_ASSUMED = StatedViewing()
 """Nothing is said: the middle of a flat picture, 40 degrees wide."""
+
+
+def common_distance_cm(geometry: FlatGeometry) -> float:
+    """Distance at which a screen of `COMMON_PITCH_MM` shows the geometry, pixel for pixel."""
+    return geometry.distance_px * COMMON_PITCH_MM / 10
 
 
 def width_deg(geometry: FlatGeometry) -> float:

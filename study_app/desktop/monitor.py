@@ -9,11 +9,14 @@ from typing import TypeAlias
 
 import glfw
 
-from protocols.display import Display
+from protocols.display import COMMON_PITCH_MM, Display
 from protocols.errors import StudyError
 from study_app.desktop.x11 import XServer
 
 Monitor: TypeAlias = "ctypes._Pointer[glfw._GLFWmonitor]"
+DISTANCE_MM = 600.0
+"""Distance of an eye of which nothing is said."""
+LEAST_PITCH_MM, MOST_PITCH_MM = 0.05, 2.0
 RATE_SLACK_HZ = 1.0
 """Video modes name whole hertz: 59.94 Hz is called 59 or 60."""
 
@@ -45,18 +48,25 @@ def window_system() -> str:
 
 
 def monitor_display() -> Display:
-    """Return the primary monitor in the mode that it is in; only its pixels and rate are known."""
+    """Return the primary monitor in the mode that it is in, from `DISTANCE_MM`.
+
+    Its millimetres are what it states, or those of a common screen where that cannot be.
+    """
     start_glfw()
     try:
         if (monitor := glfw.get_primary_monitor()) is None:
             raise StudyError("a monitor must be connected (found none)")
-        mode = glfw.get_video_mode(monitor)
+        mode, stated_mm = glfw.get_video_mode(monitor), glfw.get_monitor_physical_size(monitor)
     finally:
         glfw.terminate()
     width, height = mode.size.width, mode.size.height
+    pitches = stated_mm[0] / width, stated_mm[1] / height
+    fits = all(LEAST_PITCH_MM <= pitch <= MOST_PITCH_MM for pitch in pitches)
+    across, down = pitches if fits else (COMMON_PITCH_MM, COMMON_PITCH_MM)
     return Display(
-        name="monitor", width_px=width, height_px=height, width_mm=float(width),
-        height_mm=float(height), distance_mm=float(width), refresh_hz=mode.refresh_rate or 60.0,
+        name="monitor" if fits else "common-monitor", width_px=width, height_px=height,
+        width_mm=across * width, height_mm=down * height, distance_mm=DISTANCE_MM,
+        refresh_hz=mode.refresh_rate or 60.0,
     )  # fmt: skip
 
 

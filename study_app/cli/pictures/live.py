@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from pipeline.foveation.geometry import FlatGeometry
     from pipeline.named_classes import Choice
     from pipeline.pictures.colour_file import PictureReading
+    from protocols.display import Display
     from protocols.recipes.base import Change
     from study_app.cli.pictures.live_renderer import FoveatingRenderer, LiveSource
     from study_app.desktop.window import Window
@@ -197,10 +198,12 @@ def _run(show: _Show) -> None:
         raise StudyError(f"--panorama is for a file; {show.source} is flat")
     if asked.fps is not None and (read is None or len(read.frames) == 1):
         raise StudyError("--fps is for a folder of frames or a video (SOURCE is neither)")
-    shown_on = shown_on or monitor_display()
+    monitor = None if shown_on else monitor_display()
+    shown_on = shown_on or monitor
+    assert shown_on is not None
     screen_size = shown_on.height_px, shown_on.width_px
     flat_size = screen_size if read is None or asked.panorama else read.size
-    geometry = _geometry(flat_size, show)
+    geometry = _geometry(flat_size, show, monitor)
     corner = tuple((a - b) // 2 for a, b in zip(screen_size[::-1], flat_size[::-1], strict=True))
     pacing: Pacing = "software" if asked.software_pacing else "vsync"
     with ExitStack() as open_now:
@@ -229,11 +232,12 @@ def _read(
         return read_source(path, reading, panorama=panorama), rate_hz
 
 
-def _geometry(size: tuple[int, int], show: _Show) -> FlatGeometry:
+def _geometry(size: tuple[int, int], show: _Show, monitor: Display | None) -> FlatGeometry:
     from pipeline.foveation.geometry import FlatGeometry
     from stimuli.media.gaze_and_display import StatedViewing
 
-    looking = StatedViewing(display=show.asked.display, fov_deg=show.asked.fov).of(size)
+    stated = StatedViewing(display=show.asked.display, fov_deg=show.asked.fov, monitor=monitor)
+    looking = stated.of(size)
     say(looking.words)
     say_notes(looking.notes)
     assert isinstance(looking.geometry, FlatGeometry)
