@@ -95,6 +95,25 @@ def test_other_parameters_and_odd_sizes_are_those_of_numpy(chromium, tmp_path, p
     assert abs(shown - 255 * wanted).max() <= 2
 
 
+def test_the_page_is_drawn_for_the_distance_that_is_said_and_keeps_it(chromium, tmp_path):
+    """By hand: a card of 342.4 px would have 4 px a mm, and 15 cm 600 px."""
+    picture, path = textured(61, 83), tmp_path / "page.html"
+    write_page(path, "a page", picture, Flat(distance_px=150), Choice("metamer"), seed=5)
+    chromium.open(path.as_uri())
+    assert chromium.evaluate("ready.then(() => metamer.away)") == 150
+    away = chromium.evaluate(
+        "document.getElementById('card').value = 342;"
+        "document.getElementById('distance').value = 15;"
+        "document.getElementById('distance').dispatchEvent(new Event('input')); metamer.away"
+    )
+    assert away == pytest.approx(150 * 342 / 85.6)
+    shown = pixels(chromium.evaluate("metamer.show(20, 41.5); canvas.toDataURL()"))
+    wanted = foveate(picture, gaze_px=(20, 41.5), viewing=Flat(distance_px=away), seed=5)
+    assert abs(shown - 255 * wanted).max() <= 2
+    chromium.open(path.as_uri(), anew=False)
+    assert chromium.evaluate("ready.then(() => metamer.away)") == pytest.approx(away)
+
+
 def test_without_webgl2_the_page_says_so_and_shows_no_picture(chromium, tmp_path):
     path = tmp_path / "page.html"
     write_page(path, "a page", textured(32, 40), Flat(), Choice("metamer"), seed=0)
