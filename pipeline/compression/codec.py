@@ -44,8 +44,9 @@ Bytes = NDArray[np.uint8]
 DEFAULT_CODEC = "jpeg"
 DEFAULT_ANGLES = 512
 DEFAULT_QUALITY = 75
-LEAST_QUALITY = 50
-"""Lowest quality of the codec where a size is asked for: fewer angles are better than less."""
+LEAST_QUALITY, FINER_QUALITY = 75, 85
+"""Lowest qualities of the codec where a size is asked for, of `DEFAULT_ANGLES` and fewer, and of
+more: fewer angles are better than less."""
 MAP_QUALITY = 50
 """Quality of the atlas: maps are smooth, and half of an error in them is not seen."""
 FIRST_SHARE = 0.15
@@ -133,7 +134,7 @@ def compress(
         return work.at_size(size_bytes)
     while angles < MOST_ANGLES and work.fits(size_bytes) and not work.has_every_pixel:
         finer = with_angles(2 * angles)
-        if not finer.fits(size_bytes):
+        if not finer.fits(size_bytes, FINER_QUALITY):
             break
         angles, work = 2 * angles, finer
     while angles > LEAST_ANGLES:
@@ -175,9 +176,9 @@ class _Work:
         """True if no cell is wider than a pixel."""
         return self._grid.density.turn_px >= self._grid.farthest_px
 
-    def fits(self, size_bytes: int) -> bool:
-        """True if so many bytes leave the bases `LEAST_QUALITY`."""
-        return self._best_within(self._room(size_bytes)) >= LEAST_QUALITY
+    def fits(self, size_bytes: int, quality: int = LEAST_QUALITY) -> bool:
+        """True if so many bytes leave the bases this quality."""
+        return self._best_within(self._room(size_bytes)) >= quality
 
     def _room(self, size_bytes: int) -> float:
         """Bytes that maps leave of a size, before they are made."""

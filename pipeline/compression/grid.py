@@ -195,14 +195,22 @@ def to_cells(image: Floats, grid: PolarGrid, *, px: float = 1.0) -> Floats:
     return cells
 
 
+RELAXATIONS = (1.03, 1.33, 2.24, 4.34)
+"""Factors of the corrections of `fitted_cells`: inverse zeros of the Chebyshev polynomial of degree
+four on [0.2, 1], the shares of a detail that reading its means gives back."""
+
+
 def fitted_cells(image: Floats, grid: PolarGrid) -> Floats:
-    """Cells that give back more of the image when they are read: as `to_cells`, corrected once.
+    """Cells that give back more of the image when they are read: as `to_cells`, then corrected.
 
     Means of cells, read by a cubic, are blurred twice. So what is missing after reading is averaged
-    too, and added (one step of Landweber's iteration). A reader needs to know nothing of it.
+    too, and added, four times (Landweber's iteration; with `RELAXATIONS` these steps do as much as
+    eight plain ones). A reader needs to know nothing of it.
     """
     cells = to_cells(image, grid)
-    return cells + to_cells(image - from_cells(cells, grid), grid)
+    for factor in RELAXATIONS:
+        cells += factor * to_cells(image - from_cells(cells, grid), grid)
+    return cells
 
 
 def from_cells(cells: Floats, grid: PolarGrid) -> Floats:

@@ -103,17 +103,26 @@ def _rival(
 
 
 def plain_rival(picture: NDArray[np.float32], size_bytes: int, codec: str) -> Rival:
-    """Code the picture as it is, as well as so many bytes allow."""
+    """Code the picture as it is, as well as so many bytes allow, its chroma thinned or not."""
     stored = drawing.of_colour(picture)
+    found = [
+        rival
+        for chroma in (image_codecs.WHOLE_CHROMA, image_codecs.THINNED_CHROMA)
+        if (rival := _plain(stored, size_bytes, codec, chroma)) is not None
+    ]
+    if not found:
+        least = len(image_codecs.encode(stored, codec, 1, image_codecs.THINNED_CHROMA))
+        raise InputError(f"{size_bytes} bytes are too few for plain {codec}, which needs {least}")
+    return min(found, key=lambda rival: float(np.square(rival.shown - picture).mean()))
 
+
+def _plain(stored: NDArray[np.uint8], size_bytes: int, codec: str, chroma: str) -> Rival | None:
     def coded(quality: int) -> bytes:
-        return image_codecs.encode(stored, codec, quality)
+        return image_codecs.encode(stored, codec, quality, chroma)
 
     quality = image_codecs.best_quality(lambda q: len(coded(q)) <= size_bytes)
     if quality == 0:
-        raise InputError(
-            f"{size_bytes} bytes are too few for plain {codec}, which needs {len(coded(1))}"
-        )
+        return None
     data = coded(quality)
     shown = image_codecs.decode(data, codec, stored.shape, "the picture") / np.float32(255)
     return Rival("plain", codec, quality, len(data), shown.astype(np.float32))

@@ -8,7 +8,13 @@ from benchmarks.compress import Result, markdown
 from benchmarks.shared.dispatches import dispatches_of
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.compression import compressed_file, image_codecs
-from pipeline.compression.codec import CompressionSettings, compress, decoded_base, decompress
+from pipeline.compression.codec import (
+    LEAST_QUALITY,
+    CompressionSettings,
+    compress,
+    decoded_base,
+    decompress,
+)
 from pipeline.compression.compressed_file import atlas_shape, pack, unpack
 from pipeline.compression.gpu import DecompressPass
 from pipeline.compression.grid import PolarGrid
@@ -163,7 +169,28 @@ def test_a_size_chooses_how_many_angles_fit_well(size_bytes, angles):
     made = compress([picture], (80.0, 80.0), CompressionSettings(size_bytes=size_bytes))
     assert len(compressed_file.to_bytes(made)) <= size_bytes
     assert made.grid.rows_per_turn == angles
-    assert made.quality >= 40  # maps took more than was thought
+    assert made.quality >= LEAST_QUALITY / 2  # maps took more than was thought
+
+
+def error_near_the_gaze(picture, settings):
+    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]] + 0.5
+    shown = decompress(compress([picture], (80.0, 80.0), settings))
+    return np.sqrt(np.square(shown - picture)[np.hypot(x - 80, y - 80) < 8].mean())
+
+
+def test_colours_of_single_pixels_come_back_near_the_gaze(rng):
+    picture = rng.random((160, 160, 3)).astype(np.float32)
+
+    assert error_near_the_gaze(picture, CompressionSettings(angles=128, quality=95)) < 0.05
+
+
+def test_more_bytes_buy_a_better_fovea():
+    errors = [
+        error_near_the_gaze(photograph((160, 160)), CompressionSettings(size_bytes=size_bytes))
+        for size_bytes in (4000, 12_000, 36_000)
+    ]
+
+    assert errors[0] > 1.2 * errors[1] > 1.2**2 * errors[2]
 
 
 def test_frames_of_a_clip_share_statistics():

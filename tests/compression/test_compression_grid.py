@@ -122,7 +122,7 @@ def test_linear_reads_pixels_at_their_centres():
     np.testing.assert_allclose(found[:, 0], [0, 0.5, 11])
 
 
-def test_fitted_cells_halve_the_error_of_means_even_on_white_noise(rng):
+def test_fitted_cells_give_back_nearly_all_of_even_white_noise(rng):
     picture = rng.random((96, 128, 1))
     grid = PolarGrid((128, 96), (60.3, 50.1), 200)
     y, x = np.mgrid[:96, :128] + 0.5
@@ -131,7 +131,7 @@ def test_fitted_cells_halve_the_error_of_means_even_on_white_noise(rng):
     def error(cells):
         return np.square(from_cells(cells, grid) - picture)[near].mean()
 
-    assert error(fitted_cells(picture, grid)) < 0.5 * error(to_cells(picture, grid))
+    assert error(fitted_cells(picture, grid)) < 0.06 * error(to_cells(picture, grid))
 
 
 @pytest.mark.parametrize("gaze_px", GAZES)
