@@ -128,7 +128,7 @@ class SingleStimulusBuilder(Builder, Generic[E]):
         """Return the number of stimuli for each value of each column."""
         rows: list[Sequence[str]] = []
         for column in self.protocol.stimuli.columns():
-            values = [clip.condition[column] for clip in outcome.manifest.clips]
+            values = [clip.condition.get(column) for clip in outcome.manifest.clips]
             counts = {value: values.count(value) for value in self.protocol.stimuli.values(column)}
             said = [f"{value} ({count})" for value, count in counts.items() if count]
             more = f", ... ({len(said)} values)" if len(said) > _LISTED else ""
