@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from scipy.special import expit, ndtri
+from scipy.special import betaincinv, expit, logit, ndtri
+from scipy.stats import chi2
 
 from analysis.arrays import Floats, Ints
 from analysis.models.cells import TrialGrid, checked, grid, numbered, one_condition
@@ -25,6 +26,7 @@ from analysis.models.curves.critical_likelihood import (
     scaling_d_prime,
 )
 from analysis.models.curves.goodness_of_fit import Misfit, adjusted_misfits, misfit_of, studies_of
+from analysis.models.curves.response import RATE_PRIOR
 from analysis.models.numeric import two_sided_quantile
 from protocols.answer_rules import answer_rule
 from protocols.errors import count_of
@@ -47,6 +49,13 @@ The gains that a fit looks at span a factor of 133."""
 MOST_SCENES = 80
 """Scenes times conditions, up to which scenes have deviations: each is a parameter."""
 
+LAPSES = 10
+"""Rates of lapse that a single participant's posterior is summed over, equally likely."""
+ALONE = -7.0
+"""Logarithm of deviations between people where there is one: none."""
+
+EXTRAPOLATED = "the critical scaling lies below all scalings shown: it is extrapolated"
+
 SCALING = "critical scaling's level"
 """Column of the scaling as a number, whatever the table calls it."""
 
@@ -60,7 +69,8 @@ class CriticalScaling:
     critical, gain : float
         Of the typical participant and scene (their geometric mean).
     critical_limits, gain_limits : pair of float or None
-        None where the likelihood does not bound them.
+        None where the likelihood does not bound them. Of one participant, an end that the answers
+        leave open is 0 or infinite.
     critical_sd, gain_sd, scene_sd : float
         Between participants, and of ln s_c between scenes (0: none has one), of natural logarithms.
     lapse : float
@@ -180,7 +190,7 @@ def critical_scalings(
     Raises
     ------
     ValueError
-        If columns are missing, or there are fewer than two participants or scalings.
+        If columns are missing, or there are fewer than two scalings.
 
     Notes
     -----
@@ -191,14 +201,18 @@ def critical_scalings(
     restricted maximum likelihood by Laplace's method. Limits and tests: t on the second derivative
     in all parameters, with degrees of freedom between those of participants and of scenes
     (`contrasts.CrossedDesign`), because so many people and scenes tell the mean.
+
+    Of a single participant nothing is known of deviations: medians and limits are those of the
+    posterior of this person, at these scenes, for each condition by itself.
     """
     rows, scalings = _prepare(trials, column, by)
     parts, condition = numbered(rows, by)
     places, names = grid(rows), [name for name, _ in parts]
     pairs = pairs_of(names, reference)
     people = len(places.participants)
-    if people < 2:
-        raise ValueError(f"trials must hold two participants at least (found {people})")
+    if people == 1:
+        alone = _likelihood(rows, scalings, rule, (condition, places.person, 0 * places.scene))
+        return _of_one(alone, names, places.participants[0], level)
     scene, several, notes = places.scene, len(places.scenes) > 1, list[str]()
     if several and len(places.scenes) * len(names) > MOST_SCENES:
         several, scene = False, np.zeros_like(scene)
@@ -236,6 +250,60 @@ def critical_scaling(
 ) -> CriticalScaling:
     """Fit one condition; see `critical_scalings`."""
     return critical_scalings(trials, column=column, rule=rule, level=level).fits[0]
+
+
+def _of_one(
+    likelihood: CriticalLikelihood, names: Sequence[str], who: str, level: float
+) -> CriticalModel:
+    """Return a single participant's critical scalings, and no comparison."""
+    tails = 0.5 * (1.0 - level), 0.5, 0.5 * (1.0 + level)
+    lapses = betaincinv(*RATE_PRIOR, (np.arange(LAPSES) + 0.5) / LAPSES)
+    by_lapse = np.stack([likelihood.of_one(float(lapse)) for lapse in lapses])
+    fits, means = list[CriticalScaling](), list[list[float]]()
+    for k, name in enumerate(names):
+        log = by_lapse[:, k]
+        mass = np.exp(log - log.max())
+        nodes = likelihood.log_s, likelihood.log_g
+        low, middle, high = _quantiles(nodes[0], mass.sum(axis=(0, 2)), tails)
+        gain = _quantiles(nodes[1], mass.sum(axis=(0, 1)), tails)
+        # A likelihood that falls too little up to an end of the grid does not bound that end.
+        fall = log.max() - log.max(axis=(0, 2))[[0, -1]]
+        ends = np.where(fall < 0.5 * chi2.ppf(level, 1), (0.0, np.inf), (low, high))
+        means.append([math.log(middle), math.log(gain[1])])
+        shown = likelihood.shown[k]
+        notes = ["a single participant: limits speak of this person, with these pictures"]
+        if middle < likelihood.scalings[shown.sum(axis=(0, 1)) > 0].min():
+            notes.append(EXTRAPOLATED)
+        fits.append(
+            CriticalScaling(
+                condition=name,
+                critical=middle,
+                critical_limits=(float(ends[0]), float(ends[1])),
+                gain=gain[1],
+                gain_limits=(gain[0], gain[2]),
+                critical_sd=0.0,
+                gain_sd=0.0,
+                scene_sd=0.0,
+                lapse=float(lapses @ mass.sum(axis=(1, 2)) / mass.sum()),
+                rule=likelihood.rule,
+                level=level,
+                trials=int(shown.sum()),
+                participants=1,
+                individual={who: (middle, gain[1])},
+                scenes={},
+                warnings=tuple(notes),
+            )
+        )
+    lapse = float(np.mean([fit.lapse for fit in fits]))
+    theta = np.concatenate([*np.transpose(means), np.full(3, ALONE), [logit(lapse)]])
+    return CriticalModel(tuple(fits), (), likelihood, theta)
+
+
+def _quantiles(nodes: Floats, mass: Floats, shares: Sequence[float]) -> list[float]:
+    """Return quantiles of the exponential of what has such masses at evenly spaced nodes."""
+    edges = np.append(nodes, 2.0 * nodes[-1] - nodes[-2]) - 0.5 * (nodes[1] - nodes[0])
+    below = np.append(0.0, np.cumsum(mass))
+    return [float(one) for one in np.exp(np.interp(shares, below / below[-1], edges))]
 
 
 @dataclass(frozen=True)
@@ -398,7 +466,7 @@ def _drawn(model: CriticalModel, at: Parameters, rng: np.random.Generator) -> Fl
 def _notes(critical: float, gain: float, scalings: Floats) -> list[str]:
     notes = []
     if critical < scalings.min():
-        notes.append("the critical scaling lies below all scalings shown: it is extrapolated")
+        notes.append(EXTRAPOLATED)
     if float(scaling_d_prime(scalings.max(), critical, gain)) < HARDLY_SEEN:
         notes.append(HARDLY_SEEN_NOTE)
     return notes

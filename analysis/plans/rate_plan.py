@@ -51,6 +51,7 @@ class RatePlan(AnalysisPlan):
     by_name = SectionKey[str]()
     level = SectionKey[str | None]()
     falling = SectionKey[bool]()
+    claimed_level = SectionKey[float | None](None)
     test = SectionKey[Literal["participant-scene", "participant"]]()
     correction = SectionKey[Literal["holm", "none"]]()
     interaction = SectionKey[str | None]()

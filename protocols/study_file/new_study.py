@@ -66,6 +66,8 @@ _STARTS = {
     _FOVEATED: Start("pictures", "| `pictures/` | your photographs |"),
 }
 WANTED_FPS = 30.0
+GLIMPSE_S = 0.2
+"""Shorter than the eye needs to look elsewhere."""
 _LOOKED_AT = ("two-interval", "yes-no", "identification")  # tasks with stills where the eye looks
 _WIDTH = 96
 PICTURE_PX = 128
@@ -121,7 +123,11 @@ def study_files(
     words = _words(name, title, display, own) | _words_of(task, recipe, answers, sections)
     study, screen, readme = (
         re.sub(r"@(\w+)@", lambda use: str(words[use[1]]), text)
-        for text in (study, _template("display.toml"), _template("README.md"))
+        for text in (
+            study,
+            _template("display.toml"),
+            _template("quick.md" if own.quick else "README.md"),
+        )
     )
     if secret is not None:
         digest = sha256_bytes(secret.encode())
@@ -146,7 +152,7 @@ def _recipe(task: str, own: OwnStimuli) -> str:
         raise StudyError(must_be_one_of("--task:", task, TEMPLATES))
     recipe = TASKS[task].recipe
     if own.stills_px is not None:
-        if task not in _LOOKED_AT:
+        if task not in _LOOKED_AT and not own.quick:
             raise StudyError(
                 f"--task: must be {' or '.join(_LOOKED_AT)} where photographs are given (got"
                 f" {task!r}, which shows none where the eye looks)"
@@ -181,6 +187,7 @@ def _words(name: str, title: str, display: Display, own: OwnStimuli) -> dict[str
         "CLIP_MEMORY_MIB": display.clip_memory_mib,
         "FPS": fps,
         "DURATION_S": whole_frames_s(frames, fps),
+        "GLIMPSE_S": whole_frames_s(round(GLIMPSE_S * display.refresh_hz), display.refresh_hz),
         "PICTURE_PX": PICTURE_PX,
         "RING_DEG": f"{ring_deg:.3f}",
         "RINGS_DEG": [round((low_deg / 2 - ring_deg) * part / 3, 2) for part in (1, 2, 3)],

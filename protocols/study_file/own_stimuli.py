@@ -74,6 +74,8 @@ class OwnStimuli:
     clips: OwnClips | None = None
     stills_px: tuple[int, int] | None = None
     """Width and height of stills for a gaze: then scenes are pictures. None: clips."""
+    quick: bool = False
+    """Stills are for a metamer test of oneself, whose template has methods of its own."""
 
     def __post_init__(self) -> None:
         if len(self.methods) == 1:
@@ -146,9 +148,9 @@ class OwnStimuli:
                     "# One, which says nothing: sequences bring their own motion.\n"
                     f'[[stimuli.sizes]]\nname = "{_OWN_SIZE}"\nlabel = "as rendered"'
                 )
-        if stills:
+        if stills and not self.quick:
             found["methods"] = "\n\n".join(map(_method, self.methods or FOVEATED_METHODS))
-        elif self.methods:
+        elif self.methods:  # which a quick test has not
             found["methods"] = "\n\n".join(map(_method, self.methods))
         if not stills and not self._catch_trials:
             found["catch"] = (
@@ -178,6 +180,8 @@ class OwnStimuli:
             "STILL_WIDTH_PX": str(width_px),
             "STILL_HEIGHT_PX": str(height_px),
             "DOT_OVER_CLIPS": str(stills).lower(),
+            "PARTICIPANTS": "1" if self.quick else "12",
+            "GAZE": "none" if self.quick else "enforce",
             "CLIPS": "pictures" if stills else "short clips",
             "VIDEOS": "pictures" if stills else "short videos",
             "VIDEO": "picture" if stills else "video",

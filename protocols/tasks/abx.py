@@ -10,12 +10,11 @@ from protocols.display import Display
 from protocols.phases import Phase
 from protocols.recipes.base import Pool
 from protocols.tasks.base import Analysis, Arrangement, in_turn
-from protocols.tasks.compared import ComparisonTask, StimulusPair
-from protocols.tasks.rates import RatesAnalysis
+from protocols.tasks.compared import ComparisonAnalysis, ComparisonTask, StimulusPair
 from protocols.units import Condition
 
 
-class AbxAnalysis(RatesAnalysis):
+class AbxAnalysis(ComparisonAnalysis):
     """d' by condition, and the level at which it leaves zero."""
 
     kind: Literal["abx"]

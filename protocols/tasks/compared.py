@@ -6,16 +6,35 @@ from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, combinations
-from typing import ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
+
+from pydantic import Field
 
 from protocols.columns import Column
 from protocols.errors import Problem
 from protocols.recipes.base import Pool, Stimulus
 from protocols.tasks.base import Arrangement, Cell, Task, matches
+from protocols.tasks.rates import RatesAnalysis
 from protocols.tasks.single import RightOrWrong
 from protocols.units import Condition, Name, Scalar, Seconds
 
 AGAINST, STANDARD, ANOTHER = "against", "standard", "another"
+
+
+class ComparisonAnalysis(RatesAnalysis):
+    """d' by condition, and the level at which it leaves zero."""
+
+    claimed_level: Annotated[float, Field(gt=0)] | None = None
+    """Level up to which two stimuli are claimed to look alike: the report says on which side of the
+    limits of each critical level it lies. Default: none."""
+
+    added_later: ClassVar[tuple[str, ...]] = (*RatesAnalysis.added_later, "claimed_level")
+
+    def problems(self, task: Task, pool: Pool, /) -> Iterator[Problem]:
+        """Yield also a claim without a level."""
+        yield from super().problems(task, pool)
+        if self.claimed_level is not None and self.level is None:
+            yield Problem("analysis.claimed_level", "must have analysis.level, which it is one of")
 
 
 class StimulusPair(NamedTuple):

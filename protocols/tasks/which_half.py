@@ -11,12 +11,11 @@ from protocols.errors import Problem
 from protocols.phases import Bar, Fixation, Image, Phase
 from protocols.recipes.base import Pool
 from protocols.tasks.base import Analysis, Arrangement, blank_phase, whole_frames
-from protocols.tasks.compared import ComparisonTask, StimulusPair
-from protocols.tasks.rates import RatesAnalysis
+from protocols.tasks.compared import ComparisonAnalysis, ComparisonTask, StimulusPair
 from protocols.units import Condition, Degrees
 
 
-class WhichHalfAnalysis(RatesAnalysis):
+class WhichHalfAnalysis(ComparisonAnalysis):
     """d' by condition, and the level at which it leaves zero."""
 
     kind: Literal["which-half"]

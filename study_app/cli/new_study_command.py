@@ -90,6 +90,9 @@ class OwnOptions:
     photos: Annotated[list[str] | None, typer.Option(metavar="FILE ...")] = None
     """Photographs of yours, such as *.jpg: each is shown as methods prepare it for an eye that
     looks at its middle."""
+    quick: bool = False
+    """With --photos alone: a metamer test of yourself. 60 trials of ABX tell up to which scaling of
+    their pools pictures and their metamers look the same to you; no tracker is needed."""
     exr: Annotated[list[str] | None, typer.Option(metavar="FRAMES")] = None
     """OpenEXR frames of yours with depth and motion, such as 'shot_####.exr'; or one with depth;
     may be given more than once."""
@@ -188,6 +191,8 @@ def new_study(
 
         metamerlab new-study seen --photos *.jpg --methods blur,metamer
 
+        metamerlab new-study me --photos a.jpg b.jpg --quick
+
         metamerlab new-study shot --exr 'shot_####.exr'
     """
     named = slug(folder.absolute().name) if name is None else name
@@ -196,6 +201,13 @@ def new_study(
     shown = study_title(words if title is None else title)
     screen = load_display(display)
     study_files(named, shown, screen, task)  # a mistake is told before anything is copied
+    if own.quick:
+        if task != "two-interval" or own.methods is not None or not own.photos:
+            raise StudyError(
+                "--quick: must be given with --photos and without --task and --methods (it is ABX"
+                " of photographs and their metamers); leave those out, or --quick"
+            )
+        task = "abx"
     pairs = own.pairs()
     from stimuli.recipes.example_pictures import example_files
 
@@ -213,7 +225,8 @@ def new_study(
     say_notes(notes)
     say(f"{folder}: the study {named!r}, ready to be made yours. Next:")
     say(f"  cd {shlex.quote(str(folder))}")
-    say("  metamerlab protocol check study.toml")
+    begin = "stimuli build study.toml --out clips" if own.quick else "protocol check study.toml"
+    say(f"  metamerlab {begin}")
     say("and see README.md there.")
 
 
@@ -254,7 +267,7 @@ def _own_photographs(
     shown = () if methods is None else bring_methods(methods, work, folder, stills=True)
     whole = screen.width_px, screen.height_px
     scenes, size_px, notes = bring_photographs(list(map(Path, files)), work, whole)
-    return OwnStimuli(tuple(scenes), shown, stills_px=size_px), notes
+    return OwnStimuli(tuple(scenes), shown, stills_px=size_px, quick=own.quick), notes
 
 
 def _found(name: str) -> list[str]:

@@ -92,6 +92,50 @@ def test_one_photograph_is_a_study_of_detection_that_people_can_take(metamerlab,
         assert reach_deg < min(load_display("s/display.toml").angles_deg(width_px, height_px)) / 2
 
 
+QUICK = ("new-study", "me", "--photos", "Astronaut.jpg", "chelsea.jpg", "--quick")
+
+
+@pytest.mark.usefixtures("photographs")
+@pytest.mark.parametrize("display", ["fhd27-60hz", "fhd24-144hz"])
+def test_a_quick_study_of_oneself_is_in_order_and_needs_no_tracker(metamerlab, display):
+    metamerlab(*QUICK, "--display", display)
+    checked = metamerlab("protocol", "check", "me/study.toml").stdout
+    study = load_protocol(Path("me/study.toml"))
+    plan = make_plan(study, virtual_manifest(study, load_display("me/display.toml")), "me", 0)
+
+    assert "60 decisions" in checked
+    assert "note:" not in checked
+    assert study.gaze.mode == "none"
+    assert study.trial.dot_over_clips
+    assert [trial.track for trial in plan.trials if trial.role == "main"] == ["all"] * 60
+    assert "session run" in Path("me/README.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("photographs")
+@pytest.mark.parametrize(
+    ("critical", "said"),
+    [
+        (0.14, r"Your s_c is (0\.\d+) \[(0\.\d+), (0\.\d+)\]; 0\.25 lies above, where two such"),
+        (0.01, r"No number can be given for your s_c: even at the smallest scaling shown, 0\.0"),
+        (9.0, r"No number can be given for your s_c: even at the largest scaling shown, 0\.\d+, the"
+              r" answers may be guesses\."),
+    ],
+)  # fmt: skip
+def test_a_quick_study_says_ones_critical_scaling_or_why_it_cannot(metamerlab, critical, said):
+    metamerlab(*QUICK)
+    alike = "--participant-sd", "0", "--scene-sd", "0", "--critical", f"noise={critical}"
+    metamerlab("session", "simulate", "me/study.toml", "--out", "s", "--seed", "5", *alike)
+    metamerlab("analysis", "report", "s", "--protocol", "me/study.toml", "--out", "r",
+               "--no-figures")  # fmt: skip
+    page = Path("r/report.html").read_text(encoding="utf-8")
+    found = re.search(said, page)
+
+    assert found, re.findall("[^<>]*s_c[^<>]*", page)
+    if found.groups():
+        assert float(found[2]) < critical < float(found[3]) < 0.25
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("shared_gl_context")
 def test_an_exr_sequence_is_a_built_study_in_three_commands(metamerlab, tmp_path, monkeypatch):
@@ -183,6 +227,8 @@ def test_frames_that_the_display_has_no_room_for_are_cut_with_a_note(
         (["--exr", "x.exr", "--channel", "deph=far"], "did you mean 'depth'"),
         (["--photos", "Astronaut.jpg", "./Astronaut.jpg"], "names Astronaut.jpg twice"),
         (["--photos", "."], "it is a folder); name a file in it"),
+        (["--quick"], "--quick: must be given with --photos and without --task"),
+        (["--quick", "--photos", "Astronaut.jpg", "--methods", "blur,metamer"], "--quick: must be"),
         (["--exr", "."], "this is a folder); name those in it, such as './shot_####.exr'"),
     ],
 )

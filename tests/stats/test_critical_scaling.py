@@ -184,13 +184,41 @@ def test_people_who_never_see_a_difference_are_said_to(rng):
     assert not any("hardly" in note for note in critical_scaling(study(rng)).warnings)
 
 
+def test_limits_of_one_person_hold_the_critical_scaling(rng):
+    """Of 7 or 8 answers at each scaling; nobody else's deviation widens or narrows them."""
+    fits = [
+        critical_scaling(study(rng, people=1, repeats=8, critical_sd=0.0, gain_sd=0.0))
+        for _ in range(40)
+    ]
+    known = [fit for fit in fits if fit.critical_identified]
+    covered = [fit.critical_limits[0] <= 0.2 <= fit.critical_limits[1] for fit in fits]
+
+    assert len(known) > 30
+    assert np.mean(covered) >= 0.95 - 3.5 * np.sqrt(0.05 * 0.95 / len(fits))
+    assert np.median([one.critical_limits[1] / one.critical_limits[0] for one in known]) < 4
+    assert {fit.participants for fit in fits} == {1}
+    (misfit,), _ = critical_misfits(critical_scalings(study(rng, people=1)), rng)
+    assert 0.0 < misfit.p <= 1.0
+
+
+def test_one_person_who_guesses_or_sees_all_has_no_critical_scaling(rng):
+    rows = study(rng, people=1)
+    seen = critical_scaling(rows.assign(correct=1))
+    guessed = critical_scaling(rows.assign(correct=np.arange(len(rows)) % 2))
+
+    assert not seen.critical_identified
+    assert not guessed.critical_identified
+    assert seen.critical_limits[0] == 0.0
+    assert seen.critical_limits[1] < 0.1
+    assert guessed.critical_limits[1] == np.inf
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda r: r.drop(columns="scaling"), "missing"),
         (lambda r: r.assign(scaling=-1.0), "positive"),
         (lambda r: r.assign(scaling=0.2), "two scalings"),
-        (lambda r: r[r["participant"] == "P001"], "two participants"),
     ],
 )
 def test_tables_without_critical_scaling_are_refused(rng, change, message):

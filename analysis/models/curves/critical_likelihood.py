@@ -201,17 +201,25 @@ class CriticalLikelihood:
 
     def start(self) -> Floats:
         """Return parameters from which a search begins: those of all answers as one person's."""
-        right, shown = (one.sum(axis=(1, 2)) for one in (self.right, self.shown))
-        at = self.above(np.zeros((1, 1)))
-        size = self.scalings.size, self.log_s.size, self.log_g.size
-        yes, no = ((at @ one).reshape(size) for one in self.logs(0.02)[:2])
-        found = np.tensordot(right, yes, 1) + np.tensordot(shown - right, no, 1)
-        prior = self._means_prior(self.log_s, self.log_g)
-        best = (found + prior[0][:, None] + prior[1]).reshape(len(right), -1).argmax(axis=1)
-        place, gain = np.unravel_index(best, yes.shape[1:])
+        found = self.of_one(0.02)
+        best = found.reshape(len(found), -1).argmax(axis=1)
+        place, gain = np.unravel_index(best, found.shape[1:])
         return np.concatenate(
             [self.log_s[place], self.log_g[gain], np.log([0.2, 0.15, 0.25]), [-3.0]]
         )
+
+    def of_one(self, lapse: float) -> Floats:
+        """Return the log posterior of ln s_c and ln gain (conditions, nodes, nodes) of one person.
+
+        All answers are taken as this person's.
+        """
+        right, shown = (one.sum(axis=(1, 2)) for one in (self.right, self.shown))
+        at = self.above(np.zeros((1, 1)))
+        size = self.scalings.size, self.log_s.size, self.log_g.size
+        yes, no = ((at @ one).reshape(size) for one in self.logs(lapse)[:2])
+        found = np.tensordot(right, yes, 1) + np.tensordot(shown - right, no, 1)
+        prior = self._means_prior(self.log_s, self.log_g)
+        return np.asarray(found + prior[0][:, None] + prior[1])
 
     def _means_prior(self, place: Floats, gain: Floats) -> tuple[Floats, Floats]:
         middle = 0.5 * np.log(self.scalings[0] * self.scalings[-1])
@@ -262,7 +270,7 @@ class CriticalLikelihood:
         for k in range(len(shown)):
             places = _normal(self.log_s, at.place[k], 1.0, apart)[0]
             gains = _normal(self.log_g, at.gain[k], 1.0, at.sd[2])[0]
-            prior = np.log(places[:, None] * gains).ravel()
+            prior = (np.log(places)[:, None] + np.log(gains)).ravel()
             for one, into in zip(right[:, k], found[:, k], strict=True):
                 joint = one @ yes + (shown[k] - one) @ no + prior
                 mass = np.exp(joint - joint.max(axis=1, keepdims=True))

@@ -1,5 +1,6 @@
 """Critical scaling: how much may change before an ABX observer can tell."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -88,6 +89,9 @@ class CriticalPart(SimplePart[RatePlan, CriticalScalings]):
     def show(self, found: CriticalScalings, plan: RatePlan) -> Presentation:
         """Return critical scalings and gains, differences, each scene's and each participant's."""
         fits, whom = found.fits, like_these(scenes=_over_scenes(found))
+        who, alone = "the typical participant", _alone(found)
+        if alone:
+            who, whom = "the participant", "this person, with these pictures"
         table = _table(fits, plan)
         draw = partial(
             scaling_plot,
@@ -98,19 +102,19 @@ class CriticalPart(SimplePart[RatePlan, CriticalScalings]):
         )
         caption = (
             f"d' by {plan.level}: data with standard errors (points), the population's fit"
-            " (curves); below, critical scalings of the typical participant with"
+            f" (curves); below, critical scalings of {who} with"
             f" {plan.limits} of {whom}, where these data identify them."
         )
         compared = tuple(apa_difference(one, plan) for one in found.contrasts)
         return Presentation(
-            lead=_lead(fits, plan, whom),
-            headline=" ".join((f"Critical {plan.level}:", *_said(fits, plan), *compared)),
+            lead=_lead(found, plan, f"{who} has d' = 0; {level_text(plan.confidence)} of {whom}"),
+            headline=" ".join((f"Critical {plan.level}:", *_said(found, plan), *compared)),
             blocks=(
                 Heading("Critical scaling"),
                 FigurePlace("scaling"),
                 table.block(),
                 Paragraph(
-                    "Of the typical participant. d' is 0 up to the critical scaling s and rises"
+                    f"Of {who}. d' is 0 up to the critical scaling s and rises"
                     f" towards the gain above it. Limits speak of {whom}.",
                     muted=True,
                 ),
@@ -121,11 +125,13 @@ class CriticalPart(SimplePart[RatePlan, CriticalScalings]):
                     plan,
                 ),
                 *_scenes(fits, plan),
-                *_people(fits, plan),
+                *(() if alone else _people(fits, plan)),
                 Cautions.each(TRUST, fits, lambda one: plan.label(one.condition)),
             ),
             sentences=(*map(apa_critical, fits), *compared),
-            methods=(
+            methods=_METHOD_ALONE
+            if alone
+            else (
                 "Critical scalings of all conditions were fitted to the answers in one model, with"
                 " critical scaling random over participants"
                 f"{' and scenes' * _over_scenes(found)}, also within conditions, and gain random"
@@ -147,19 +153,55 @@ def _over_scenes(found: CriticalScalings) -> bool:
     return any(one.scenes for one in found.fits)
 
 
-def _said(fits: Sequence[CriticalScaling], plan: RatePlan) -> list[str]:
-    return [
-        f"{plan.label(one.condition)}: {size(one.critical, within=one.critical_limits)}"
-        f" {size_range(one.critical_limits)}."
-        for one in fits
-        if one.critical_identified
-    ]
+_METHOD_ALONE = (
+    "Critical scaling and gain of the participant are medians of their posterior, and limits its"
+    " quantiles, given the answers in each condition; lapse rates are summed over their prior."
+)
+_SIDES = {
+    "above": "where two such pictures are told apart",
+    "below": "where two such pictures look alike",
+    "within": "so that it stays open whether two such pictures are told apart",
+}
 
 
-def _lead(fits: Sequence[CriticalScaling], plan: RatePlan, whom: str) -> tuple[Block, ...]:
-    said = _said(fits, plan)
-    told = f"Up to it the typical participant has d' = 0; {level_text(plan.confidence)} of {whom}."
-    return (Box(f"Critical {plan.level}", " ".join(said), told),) if said else ()
+def _alone(found: CriticalScalings) -> bool:
+    """Return True if a single participant took part."""
+    return len({who for one in found.fits for who in one.individual}) == 1
+
+
+def _said(found: CriticalScalings, plan: RatePlan) -> list[str]:
+    """Return a sentence on each critical scaling; on one that is not known, of one person alone."""
+    told, alone = [], _alone(found)
+    for one in found.fits:
+        ends, label, side = one.critical_limits, plan.label(one.condition), ""
+        if plan.claimed_level is not None and ends is not None:
+            low, high = (plan.claimed_level > end for end in ends)
+            side = "above" if high else "within" if low else "below"
+            side = f"; {size(plan.claimed_level)} lies {side}, {_SIDES[side]}"
+        if alone:
+            whose = "Your" if plan.planned_participants == 1 else "The participant's"
+            label = f"{whose} s_c" + f" ({label})" * (len(found.fits) > 1)
+        if one.critical_identified:
+            verb = " is" if alone else ":"
+            told.append(
+                f"{label}{verb} {size(one.critical, within=ends)} {size_range(ends)}{side}."
+            )
+        elif alone and ends is not None:
+            shown = found.counts[one.condition].arrays[0]
+            open_above = not math.isfinite(ends[1])
+            told.append(
+                f"No number can be given for {label[:1].lower()}{label[1:]}: even at the"
+                f" {'largest' if open_above else 'smallest'} {plan.level} shown,"
+                f" {size(shown.max() if open_above else shown.min())}, the answers"
+                f" {'may be guesses' if open_above else 'may be better than guesses'}"
+                f"{side * ('within' not in side)}."
+            )
+    return told
+
+
+def _lead(found: CriticalScalings, plan: RatePlan, whom: str) -> tuple[Block, ...]:
+    said = _said(found, plan)
+    return (Box(f"Critical {plan.level}", " ".join(said), f"Up to it {whom}."),) if said else ()
 
 
 def _table(fits: Sequence[CriticalScaling], plan: RatePlan) -> ResultTable[CriticalScaling]:
