@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 from scipy.special import betaincinv, expit, logit, ndtri
-from scipy.stats import chi2
 
 from analysis.arrays import Floats, Ints
 from analysis.models.cells import TrialGrid, checked, grid, numbered, one_condition
@@ -268,7 +267,7 @@ def _of_one(
         gain = _quantiles(nodes[1], mass.sum(axis=(0, 1)), tails)
         # A likelihood that falls too little up to an end of the grid does not bound that end.
         fall = log.max() - log.max(axis=(0, 2))[[0, -1]]
-        ends = np.where(fall < 0.5 * chi2.ppf(level, 1), (0.0, np.inf), (low, high))
+        ends = np.where(fall < 0.5 * ndtri(tails[2]) ** 2, (0.0, np.inf), (low, high))
         means.append([math.log(middle), math.log(gain[1])])
         shown = likelihood.shown[k]
         notes = ["a single participant: limits speak of this person, with these pictures"]
