@@ -258,21 +258,3 @@ def test_a_mixed_model_without_a_maximum_has_no_sentence_and_one_person_no_clust
     assert "was none" not in said.output
     assert "clustered" not in page
     assert "trials taken as independent" in page
-
-
-def test_a_threshold_without_limits_is_said_to_have_none(tmp_path):
-    right = {"blur": (21, 24, 28, 33, 36), "ours": (18, 21, 30, 30, 29)}
-    rows = [
-        (k % 6, name, level, int(k < count))
-        for name, counts in right.items()
-        for level, count in zip((1, 2, 4, 8, 16), counts, strict=True)
-        for k in range(36)
-    ]
-    pd.DataFrame(rows, columns=["participant", "method", "level", "correct"]).to_csv(
-        tmp_path / "bound.csv", index=False
-    )
-
-    said = run("psychometric", tmp_path / "bound.csv", "--level", "level", "--by", "method")
-
-    assert "it has no limits." in said.output
-    assert "CI none" not in said.output
