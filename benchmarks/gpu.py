@@ -24,6 +24,7 @@ from rich.table import Table
 
 from benchmarks.fill import TimedFrame
 from benchmarks.foveate import picture
+from benchmarks.shared.clock import SAME, Clock, card_clocks_mhz
 from benchmarks.shared.dispatches import Copy
 from benchmarks.shared.frame_cost import FrameCost, Pass, Work, frame_cost
 from benchmarks.shared.output import Record, conditions, file_to_write, write_record
@@ -49,7 +50,7 @@ NAMES = {
 }  # fmt: skip
 FORMATS = {"warp": ("rgba32f", "r32f", "rg32f")}  # of the frame that is copied; else the first
 PLANET_PX = 512  # height of its map
-WIDTH = 120  # of the table
+WIDTH = 128  # of the table
 LEAST_COPY_MS = 1e-4  # a clock that reads nothing makes no ratio
 
 
@@ -63,6 +64,10 @@ class Row:
         Its time on the GPU to that of a copy of the frame's textures; on the CPU, its whole time.
     held_bytes : int or None
         On the GPU, beyond input and output; None where nothing counts them.
+    probes_ms, same_clock : tuple of float, bool
+        Of the card's clock around each measurement (`Clock`), and whether they are of one.
+    clocks_mhz : dict or None
+        As NVIDIA's program names them, right afterwards.
     """
 
     bench: str
@@ -75,6 +80,9 @@ class Row:
     to_copy: float
     held_bytes: int | None
     passes: tuple[Pass, ...]
+    probes_ms: tuple[float, ...]
+    same_clock: bool
+    clocks_mhz: dict[str, float] | None
 
 
 class Workload:
@@ -177,20 +185,33 @@ def check_compute(ctx: moderngl.Context) -> None:
 
 
 def costs(ctx: moderngl.Context, bench: str, edge_px: int, repeats: int) -> Iterator[Row]:
-    """Measure every method of a kind, the copy first."""
+    """Measure every method of a kind, the copy first; then all again from the last on.
+
+    What is given twice is the least of both: what came before, and the heat, is no part of it.
+    """
+    clock = Clock(ctx)
     with Workload(ctx, bench, edge_px) as load:
-        copy = frame_cost(ctx, load.copy, repeats=repeats)
+        copy = frame_cost(ctx, load.copy, repeats=repeats, clock=clock)
         copy_ms = max(copy.gpu_ms, LEAST_COPY_MS)
-        yield _row(bench, "copy", edge_px, copy, copy_ms, 0)
-        for name in NAMES[bench]:
+        yield _row(bench, "copy", edge_px, copy, copy_ms, 0, clock)
+        found: dict[str, FrameCost] = {}
+        for name in (*NAMES[bench], *(NAMES[bench][::-1] if repeats > 1 else ())):
             work, held_bytes, release = load.make(name)
-            cost = frame_cost(ctx, work, repeats=repeats)
+            cost = frame_cost(ctx, work, repeats=repeats, clock=clock)
             release()
-            yield _row(bench, name, edge_px, cost, copy_ms, held_bytes)
+            found[name] = found[name].with_least(cost) if name in found else cost
+            yield _row(bench, name, edge_px, found[name], copy_ms, held_bytes, clock)
+    clock.release()
 
 
 def _row(
-    bench: str, name: str, edge_px: int, cost: FrameCost, copy_ms: float, held_bytes: int | None
+    bench: str,
+    name: str,
+    edge_px: int,
+    cost: FrameCost,
+    copy_ms: float,
+    held_bytes: int | None,
+    clock: Clock,
 ) -> Row:
     on_gpu = bool(cost.passes)
     return Row(
@@ -204,17 +225,27 @@ def _row(
         to_copy=(cost.gpu_ms if on_gpu else cost.frame_ms) / copy_ms,
         held_bytes=held_bytes,
         passes=cost.passes,
+        probes_ms=cost.probes_ms,
+        same_clock=clock.same(*cost.probes_ms),
+        clocks_mhz=card_clocks_mhz(),
     )
 
 
 def table(rows: list[Record]) -> Table:
-    """Tabulate rows, as `asdict` gives them."""
+    """Tabulate rows, as `asdict` gives them.
+
+    The clock is the share of the highest that any row had; ``!`` where it changed, or lay lower
+    than others by more than a probe may differ.
+    """
     shown = Table()
     for name in ("what", "edge px", "GPU ms", "frame ms", "host ms", "Python calls", "to a copy",
-                 "passes", "MiB held"):  # fmt: skip
+                 "passes", "MiB held", "clock"):  # fmt: skip
         shown.add_column(name, justify="left" if name == "what" else "right", no_wrap=True)
-    for row in rows:
+    probes_ms = [max(row.get("probes_ms", [0.0])) for row in rows]  # 0: none, as before 0.4
+    highest_ms = min((min(row.get("probes_ms", [0.0])) for row in rows), default=0.0)
+    for row, own_ms in zip(rows, probes_ms, strict=True):
         held = row["held_bytes"]
+        odd = own_ms > 0 and not (row["same_clock"] and own_ms <= SAME * highest_ms)
         shown.add_row(
             f"{row['bench']}: {row['name']}",
             str(row["edge_px"]),
@@ -225,6 +256,7 @@ def table(rows: list[Record]) -> Table:
             f"{row['to_copy']:.2f}",
             str(sum(item["dispatches"] for item in row["passes"]) or ""),
             "" if held is None else f"{held / 2**20:.1f}",
+            f"{100 * highest_ms / own_ms:.0f} %{'!' * odd}" if own_ms else "",
         )
     return shown
 
@@ -256,13 +288,14 @@ def main(argv: list[str]) -> int:
         return 0
     console.print(f"renderer: {describe(ctx)}")
     names = ["copy", *(name for bench in arguments.only for name in NAMES[bench])]
-    rows: list[Record] = []
+    rows: dict[tuple[str, str, int], Record] = {}
     for edge_px in arguments.size:
         for bench in arguments.only:
             for row in costs(ctx, bench, edge_px, arguments.repeats):
-                rows.append(asdict(row))
+                rows[row.bench, row.name, row.edge_px] = asdict(row)
                 if arguments.json is not None:
-                    write_record(arguments.json, known | {"names": names, "rows": rows})
-    console.print(table(rows))
+                    found = list(rows.values())
+                    write_record(arguments.json, known | {"names": names, "rows": found})
+    console.print(table(list(rows.values())))
     release_context(ctx)
     return 0

@@ -1,0 +1,98 @@
+"""Clock of a graphics card, which rests at a fraction of its speed: a probe that tells it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+
+import moderngl
+
+from pipeline.gl.compute import Shader
+from pipeline.gl.context import describe, timed_runs
+from pipeline.gl.shader import ShaderSource
+from pipeline.gl.texture import create_texture
+
+SAME = 1.05
+"""Largest ratio of two probes that one clock gives."""
+STILL = 1.02
+"""The same of probes in a row, after which a card has warmed up."""
+PROBES = 3
+MOST_UP_S = 2.0
+NVIDIA = ("clocks.sm", "clocks.mem", "clocks.max.sm", "clocks.max.mem")
+CHAIN = """#version 430
+layout(local_size_x = 1) in;
+layout(r32f) uniform writeonly image2D target;
+void main() {
+    float x = 1.0;
+    for (int k = 0; k < 100000; ++k) x = fma(x, 0.999, 0.001);
+    imageStore(target, ivec2(0), vec4(x));
+}
+"""
+
+
+class Clock:
+    """One work group with a chain of 100,000 multiply-adds, each of which waits for the last.
+
+    Neither memory nor the number of cores counts: it takes as long as the clock of the card says.
+    """
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        places = tuple(("benchmarks/shared/clock.py", k) for k in range(CHAIN.count("\n") + 1))
+        self._shader = Shader.of(ctx, ShaderSource(CHAIN, places))
+        self._target = create_texture(ctx, (1, 1), "r32f")
+        self._software = describe(ctx).software
+
+    def burst(self) -> None:
+        """Keep the card at work, so that its clock does not fall."""
+        self._shader.run_over((1, 1), target=self._target)
+
+    def probe_ms(self) -> float:
+        """Return how long the chain takes, the least of a few; by the wall on a processor."""
+        timing = timed_runs(self._ctx, self.burst, repeats=PROBES, warm_up=1)
+        return min(timing.wall_ms if self._software else timing.gpu_ms)
+
+    def rise(self, work: Callable[[], object], least_s: float) -> float:
+        """Work for `least_s`, and then until probes stand still; return the last frame's seconds.
+
+        A processor's clock is not the card's: there nothing is waited for.
+        """
+        start_s = frame_s = time.perf_counter()
+        taken_s = 0.0
+        probes: list[float] = []
+        while True:
+            work()
+            self._ctx.finish()
+            taken_s, frame_s = time.perf_counter() - frame_s, time.perf_counter()
+            if frame_s - start_s < least_s:
+                continue
+            probes = [*probes, self.probe_ms()][-PROBES:]
+            still = len(probes) == PROBES and max(probes) <= STILL * min(probes)
+            if still or self._software or frame_s - start_s > MOST_UP_S:
+                return taken_s
+            frame_s = time.perf_counter()
+
+    def same(self, *probes_ms: float) -> bool:
+        """Return True if these probes are of one clock; a processor's are not judged."""
+        return self._software or max(probes_ms) <= SAME * min(probes_ms)
+
+    def release(self) -> None:
+        """Free the shader."""
+        self._shader.release()
+        self._target.release()
+
+
+def card_clocks_mhz() -> dict[str, float] | None:
+    """Return the clocks that NVIDIA's own program names; None where there is none, or no number."""
+    program = shutil.which("nvidia-smi")
+    if program is None:
+        return None
+    asked = [program, f"--query-gpu={','.join(NVIDIA)}", "--format=csv,noheader,nounits"]
+    try:
+        said = subprocess.run(asked, capture_output=True, text=True, timeout=10, check=True).stdout
+        first = said.splitlines()[0].split(",")
+        return dict(zip(NVIDIA, map(float, first), strict=True))
+    except (OSError, subprocess.SubprocessError, ValueError, IndexError):
+        return None
