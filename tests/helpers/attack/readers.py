@@ -290,7 +290,7 @@ def _write_live_log(path: Path) -> None:
     log = LiveLog(
         path, at="2026-01-01T00:00:00.000000Z", source="p.png", reading=vars(PictureReading()),
         gaze="mouse", display=load_display("fhd27-60hz").model_dump(mode="json"), renderer="r",
-        driver="1", revision="0", refresh_hz=60.0,
+        driver="1", revision="0", refresh_hz=60.0, every=30,
     )  # fmt: skip
     log.choice(
         RendererDescription(
