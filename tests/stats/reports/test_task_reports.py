@@ -165,15 +165,15 @@ FIGURES = {
         "correct", "detection", "sensitivity", "participants", "scenes", "learning", "reaction",
     },
     "identification": {
-        "correct", "sensitivity", "confusion", "levels", "psychometric", "goodness", "people",
+        "correct", "sensitivity", "confusion", "psychometric", "goodness", "people",
         "participants", "learning", "reaction",
     },
     "adaptive": {
-        "correct", "sensitivity", "confusion", "levels", "psychometric", "goodness", "people",
+        "correct", "sensitivity", "confusion", "psychometric", "goodness", "people",
         "participants", "reaction",
     },
     "abx": {
-        "correct", "sensitivity", "levels", "psychometric", "goodness", "people", "scaling",
+        "correct", "sensitivity", "psychometric", "goodness", "people", "scaling",
         "participants", "scenes", "learning", "reaction",
     },
 }  # fmt: skip
