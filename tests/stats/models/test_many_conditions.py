@@ -50,7 +50,7 @@ def test_a_condition_against_the_mean_is_its_surplus(rows):
 
 
 def test_no_model_is_fitted_for_each_of_many_comparisons(rows, monkeypatch):
-    monkeypatch.setattr(reaction_model, "equal", lambda *_: pytest.fail("a fit of a comparison"))
+    monkeypatch.setattr(reaction_model._HeldGap, "at", lambda *_: pytest.fail("a comparison's fit"))
     times = reaction_model.time_model(rows, ["method"])
     middle = np.exp(np.mean(times.beta))
 
