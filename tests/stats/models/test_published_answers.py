@@ -15,6 +15,7 @@ from yes_no_table import of_table
 
 from analysis.models.bootstrap import bootstrap_scores
 from analysis.models.clustered import holm, participant_t, sign_flip_floor
+from analysis.models.curves.psychometric_posterior import psychometric_posterior
 from analysis.models.logistic import glm_logit, glmm_logit
 from analysis.models.mixed.glmm import fit_crossed
 from analysis.models.mixed.logit import fit_logit, information
@@ -436,6 +437,24 @@ def test_ties_as_half_votes_equal_evalicas_golden_scores(stats_data: Reader):
 
     wanted = answer[names].to_numpy()
     np.testing.assert_allclose(found / found.sum(), wanted / wanted.sum(), atol=1e-4)
+
+
+def test_psychometric_functions(expected: Answers, stats_data: Reader):
+    """psignifit's posterior, whose priors ours has."""
+    table = stats_data("psignifit_demo.csv")
+    answer = expected["psignifit_demo"]
+    counts = table["k"].to_numpy(dtype=float), table["n"].to_numpy(dtype=float)
+    fit = psychometric_posterior(table["level"].to_numpy(), *counts)
+    limits, width = ([one.lower, one.upper] for one in (fit.threshold, fit.width))
+
+    mode = answer["MATLAB_MAP"]
+    assert fit.threshold.value == pytest.approx(mode["threshold"], rel=0.01)
+    assert fit.width.value == pytest.approx(mode["width"], rel=0.01)
+    assert fit.marginals["lapse"].mode == pytest.approx(mode["lambda"], abs=1e-4)
+    assert fit.marginals["spread"].mode == pytest.approx(mode["eta"], abs=1e-3)
+    assert limits == pytest.approx(answer["MATLAB_CI95_threshold"], rel=1e-3)
+    assert limits == pytest.approx(answer["py4.3_CI95_threshold"], rel=0.01)
+    assert width == pytest.approx(answer["MATLAB_CI95_width"], rel=0.01)
 
 
 def test_seeing_quanta(expected: Answers, stats_data: Reader):

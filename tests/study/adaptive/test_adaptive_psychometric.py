@@ -1,10 +1,9 @@
-"""The psychometric function of adaptive trials: by hand, and against the one that is fitted."""
+"""The psychometric function of adaptive trials and of fits, by hand."""
 
 import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from analysis.models import psychometric as fitted
 from protocols.adaptive.answer_history import check_history, check_rising
 from protocols.adaptive.psychometric_function import SHAPES, probability, sigmoid, slope_of
 from protocols.errors import StudyError
@@ -19,19 +18,6 @@ def test_threshold_is_at_one_half_and_width_spans_the_rise(shape):
     assert sigmoid(8.0, 8.0, 3.0, shape) == pytest.approx(0.5, abs=1e-12)
     low, high = np.interp((0.05, 0.95), rise, levels)
     assert high - low == pytest.approx(3.0, abs=1e-4)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_it_is_the_function_that_the_analysis_fits(shape):
-    levels = np.linspace(0.0, 20.0, 41)
-
-    for threshold, width in ((8.0, 3.0), (2.0, 6.0), (15.0, 0.7)):
-        ours = sigmoid(levels, threshold, width, shape)
-        # Both solve for the Weibull slope, to about 1e-12.
-        near = {"rtol": 1e-9, "atol": 1e-12}
-        np.testing.assert_allclose(fitted.sigmoid(levels, threshold, width, shape), ours, **near)
-        falling = fitted.sigmoid(levels, threshold, -width, shape)
-        np.testing.assert_allclose(falling, 1.0 - ours, **near)
 
 
 def test_gumbel_on_logarithms_is_weibull():
