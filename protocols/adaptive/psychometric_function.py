@@ -10,7 +10,7 @@ Vision Research 122, 105-123):
 - `threshold`: where S is one half, on the axis of x. This is not where p is one half.
 - `width`: the distance on the axis of x from S = .05 to S = .95.
 
-`analysis.models.psychometric` fits the same two numbers, so a level that an adaptive rule found
+`analysis.models.curves` fits the same two numbers, so a level that an adaptive rule found
 and a threshold in the report can be compared directly. Shapes:
 
 ==========  ======================================================  =========================
