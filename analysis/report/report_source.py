@@ -256,14 +256,14 @@ def recording_sentence(sessions: pd.DataFrame) -> str:
     kept = sessions[sessions["excluded"] == ""]
     if kept.empty:
         return ""
-    rates = " and ".join(f"{rate:g} Hz" for rate in sorted(kept["refresh_hz"].unique()))
+    rates = sorted({round(float(rate)) for rate in kept["refresh_hz"].dropna()})  # as measured
+    at = f" at {', '.join(map(str, rates))} Hz" * bool(rates)
     stamps = ", ".join(sorted(kept["timing_evidence"].unique()))
     attempts = count_of(int(kept["attempts"].sum()), "attempt")
     void, missed = int(kept["void"].sum()), int(kept["dropped"].sum())
     told = [
-        f"Stimuli were shown at {rates} (time stamps: {stamps}); of {attempts} at main trials"
-        f" {void} were void and came again, and {missed} refreshes were missed in trials that"
-        " count."
+        f"Stimuli were shown{at} (time stamps: {stamps}). Of {attempts} at main trials {void} were"
+        f" void. Refreshes missed in trials that count: {missed}."
     ]
     watched = kept[kept["gaze_mean_deg"].notna()]
     if len(watched):

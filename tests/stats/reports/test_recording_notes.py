@@ -52,14 +52,14 @@ def test_methods_say_what_was_shown_and_where_gaze_was_of_sessions_that_are_kept
     gaze = ["gaze_mode", "gaze_violations", "gaze_mean_deg", "gaze_lost_share"]
     rows = [
         ("", 120.0, "fence", 30, 6, 1, "enforce", 2, 0.4, 0.01),
-        ("", 60.0, "fence", 24, 0, 0, "enforce", 1, 0.6, 0.03),
+        ("", 59.951, "fence", 24, 0, 0, "enforce", 1, 0.6, 0.03),
         ("a rule", 60.0, "unverified", 24, 9, 9, "enforce", 9, 9.0, 0.9),
     ]
     table = pd.DataFrame(rows, columns=columns + gaze)
 
     assert recording_sentence(table) == (
-        "Stimuli were shown at 60 Hz and 120 Hz (time stamps: fence); of 54 attempts at main trials"
-        " 6 were void and came again, and 1 refreshes were missed in trials that count. Gaze was"
+        "Stimuli were shown at 60, 120 Hz (time stamps: fence). Of 54 attempts at main trials 6"
+        " were void. Refreshes missed in trials that count: 1. Gaze was"
         " watched in 2 sessions: it left the place that was asked for 3 times (such attempts are"
         " void), lay 0.50 deg from it on average, and was lost for 2.0 % of the time."
     )
