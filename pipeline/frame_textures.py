@@ -11,7 +11,7 @@ from pipeline.frame import WarpedFrame
 from pipeline.gl.texture import check_texture, create_texture, read_back, upload
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class FrameTextures:
     """A `WarpedFrame` as textures of one size.
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import moderngl
 
-from pipeline.gl.compute import Shader
+from pipeline.gl.compute import Launch, Shader
 from pipeline.gl.context import describe, timed_runs
 from pipeline.gl.shader import ShaderSource
 
@@ -20,16 +20,12 @@ def _replaced(step: Callable[[str, Dispatch], None]) -> Iterator[None]:
     """Give each dispatch and draw inside to `step`, with its shader's name, which makes it."""
     originals = {
         (kind, name): getattr(kind, name)
-        for kind, name in (
-            (moderngl.ComputeShader, "run"),
-            (moderngl.ComputeShader, "run_indirect"),
-            (moderngl.VertexArray, "render"),
-        )
+        for kind, name in ((Launch, "__call__"), (moderngl.VertexArray, "render"))
     }
 
     def watched(original: Callable[..., None]) -> Callable[..., None]:
         def dispatch(self: Any, *args: object, **kwargs: object) -> None:
-            name = "draw" if isinstance(self, moderngl.VertexArray) else str(self.extra)
+            name = str(self.program.extra) if isinstance(self, Launch) else "draw"
             step(name, lambda: original(self, *args, **kwargs))
 
         return dispatch
@@ -54,17 +50,10 @@ def timed_dispatches(
     """
     found: list[tuple[str, float]] = []
     software = describe(ctx).software
-    bursting = False
 
     def timed(shader: str, dispatch: Dispatch) -> None:
-        nonlocal bursting
-        if bursting:  # its own dispatch comes here, too
-            dispatch()
-            return
         if burst is not None and not software:
-            bursting = True
             burst()
-            bursting = False
         timing = timed_runs(ctx, dispatch, repeats=1, warm_up=0)
         found.append((shader, timing.wall_ms[0] if software else timing.median_ms))
 

@@ -95,7 +95,7 @@ def frame_cost(ctx: moderngl.Context, work: Work, *, repeats: int, clock: Clock)
         probes_ms = before_ms, clock.probe_ms()
         if clock.same(*probes_ms):
             break
-    return FrameCost(passes, frame_ms, _host_ms(ctx, work), _python_calls(ctx, work), probes_ms)
+    return FrameCost(passes, frame_ms, _host_ms(ctx, work), python_calls(ctx, work), probes_ms)
 
 
 def time_passes(
@@ -130,7 +130,8 @@ def _until_return_ms(ctx: moderngl.Context, work: Work) -> float:
     return 1e3 * (time.perf_counter() - start_s)
 
 
-def _python_calls(ctx: moderngl.Context, work: Work) -> int:
+def python_calls(ctx: moderngl.Context, work: Work) -> int:
+    """Count the functions that Python calls, its own and those of libraries."""
     count = -1  # the call that ends the counting is ours
 
     def counted(_frame: object, event: str, _argument: object) -> None:

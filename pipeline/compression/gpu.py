@@ -78,12 +78,16 @@ class DecompressPass(WeighedNoisePass):
 
     def __call__(self, target: moderngl.Texture, *, seed: int = 0) -> None:
         """Make the frame that was loaded, into `target`: rgba32f of the picture's size."""
+        self._play(self._colour, target)
+        if self.levels:
+            self._add_noise(target, seed)
+
+    def _colour(self, target: moderngl.Texture) -> None:
         check_texture(target, "target", self.size, "rgba32f")
         picture = self._base if self.levels else target
         self._unfold.run_over(self.size, cells=self._cells, picture=picture)
         if self.levels:
             self._weigh.run_over(halved(self._blocks), atlas=self._atlas, weights=self._weights)
-            self._add_noise(target, seed)
 
     def apply(
         self, compressed: CompressedPicture, *, seed: int = 0, frame: int = 0

@@ -9,7 +9,7 @@ import moderngl
 from pipeline.features.reference import band_constants, low_constants
 from pipeline.foveation.chain import chain_length
 from pipeline.foveation.picture_pass import PicturePass, PoolUniforms, resolutions
-from pipeline.gl.compute import Dispatch, Dispatches, Resource, Shader, of_int
+from pipeline.gl.compute import Resource
 
 POWERS = 3  # layers of powers
 
@@ -84,12 +84,7 @@ class MomentChainPass(PicturePass):
             (own, older, powers): self._compile("pull", OWN=own, OLDER=older, POWERS=powers)
             for own, older, powers in dict.fromkeys(pulled)
         }
-        pulls = [made[key] for key in pulled]
-        self._first_pull = Dispatches(lambda source: self._pull_step(pulls[0], 0, source))
-        self._pulls = [
-            self._pull_step(shader, r, self.pulled.lows[r - 1])
-            for r, shader in enumerate(pulls[1:], start=1)
-        ]
+        self._pulls = [made[key] for key in pulled]
         pushed = {
             r: (r < deepest, min(r, levels) if r >= finest else 0) for r in range(1, self.count)
         }
@@ -108,53 +103,51 @@ class MomentChainPass(PicturePass):
                 self.chosen.moments[r - 1] = self._array(self.sizes[r], 2 * layers)
             if layers and has_powers:
                 self.chosen.powers[r - 1] = self._array(self.sizes[r], POWERS)
-        self._pushes = [
-            (r, self._push_step(pushes[key], r)) for r, key in reversed(pushed.items()) if any(key)
-        ]
+        self._pushes = {r: pushes[key] for r, key in reversed(pushed.items()) if any(key)}
 
     def pull(self, source: moderngl.Texture) -> None:
         """Make all resolutions of `source`."""
-        self._first_pull.run(source)
-        for step in self._pulls:
-            step.run()
+        self._play(self._pull, source)
 
     def push(self, last: int, first: int | None = None) -> None:
         """Choose levels of detail at resolutions from `first` (the coarsest) down to `last`."""
-        for r, step in self._pushes:
-            if r >= last and (first is None or r <= first):
-                step.run()
+        self._play(self._push, last, first)
 
-    def _pull_step(self, shader: Shader, r: int, fine: moderngl.Texture) -> Dispatch:
+    def _pull(self, source: moderngl.Texture) -> None:
         lows, moments, powers = vars(self.pulled).values()
-        return shader.step_over(
-            self.sizes[r + 1],
-            **given(
-                fine=fine,
-                coarse=lows[r],
-                fine_moments=moments[r - 1] if r else None,
-                coarse_moments=moments[r],
-                fine_powers=powers[r - 1] if r else None,
-                coarse_powers=powers[r],
-            ),
-        )
+        for r, shader in enumerate(self._pulls):
+            shader.run_over(
+                self.sizes[r + 1],
+                **given(
+                    fine=lows[r - 1] if r else source,
+                    coarse=lows[r],
+                    fine_moments=moments[r - 1] if r else None,
+                    coarse_moments=moments[r],
+                    fine_powers=powers[r - 1] if r else None,
+                    coarse_powers=powers[r],
+                ),
+            )
 
-    def _push_step(self, shader: Shader, r: int) -> Dispatch:
+    def _push(self, last: int, first: int | None) -> None:
         own, chosen = self.pulled, self.chosen
-        return shader.step_over(
-            self.sizes[r],
-            {"halvings": of_int(r)},
-            **given(
-                fine=own.lows[r - 1],
-                coarse=chosen.lows[r],
-                chosen=chosen.lows[r - 1],
-                fine_moments=own.moments[r - 1],
-                coarse_moments=chosen.moments[r],
-                chosen_moments=chosen.moments[r - 1],
-                fine_powers=own.powers[r - 1],
-                coarse_powers=chosen.powers[r],
-                chosen_powers=chosen.powers[r - 1],
-            ),
-        )
+        for r, shader in self._pushes.items():
+            if r < last or (first is not None and r > first):
+                continue
+            shader["halvings"] = r
+            shader.run_over(
+                self.sizes[r],
+                **given(
+                    fine=own.lows[r - 1],
+                    coarse=chosen.lows[r],
+                    chosen=chosen.lows[r - 1],
+                    fine_moments=own.moments[r - 1],
+                    coarse_moments=chosen.moments[r],
+                    chosen_moments=chosen.moments[r - 1],
+                    fine_powers=own.powers[r - 1],
+                    coarse_powers=chosen.powers[r],
+                    chosen_powers=chosen.powers[r - 1],
+                ),
+            )
 
 
 def given(**resources: Resource | None) -> dict[str, Resource]:

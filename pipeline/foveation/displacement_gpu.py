@@ -31,7 +31,7 @@ from pipeline.foveation.pooled_moments import SMALLEST_VARIANCE
 from pipeline.foveation.pooling import FADE_SHARE, HALVED_VARIANCE
 from pipeline.foveation.sphere import FINEST
 from pipeline.frame import check_seed
-from pipeline.gl.compute import Dispatch, Dispatches, Resource, Shader, of_int
+from pipeline.gl.compute import Resource, Shader
 from pipeline.gl.shader import Constant
 from pipeline.noise.tile import WHITE_BITS, WHITE_DEVIATION, Stream, key_of
 
@@ -67,6 +67,7 @@ class DisplacementPass(FoveationPass):
         self._field_pooled = PoolUniforms(geometry, settings.pooling)
         self._levels = min(settings.levels, chain_length(*self.size))
         join = self._compile("join", FADE_SHARE=FADE_SHARE, MATCHED=match, **MATCH_CONSTANTS)
+        self._join = join
         self._warped = self._texture(self.size)
         self._displaced_for: tuple[int, tuple[float, float]] | None = None
         kind = _SphereField if geometry.on_sphere else _FlatField
@@ -76,17 +77,12 @@ class DisplacementPass(FoveationPass):
         if seed is not None:
             self.set_seed(seed)
         self._match: _Match | None = None
-        lacks: dict[str, Resource] = {}
+        join.hold(warped=self._warped)
         if match:
             self._match = self._part(_Match(ctx, self._eye, self._levels))
             self.chains = self._match.chains
-            lacks = self._match.lacking
+            join.hold(**self._match.lacking)
             join["has_coarse_change"] = self._match.has_change
-        self._join = Dispatches(
-            lambda source, target: join.step_over(
-                halved(self.size), source=source, warped=self._warped, target=target, **lacks
-            )
-        )
 
     def set_seed(self, seed: int, *, carried: bool = False) -> None:  # noqa: ARG002
         """Make the noise of `seed`, unless it is at hand."""
@@ -109,7 +105,10 @@ class DisplacementPass(FoveationPass):
         self._field.release()
 
     def _finish(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:  # noqa: ARG002
-        self._join.run(source, target)
+        self._play(self._joined, source, target)
+
+    def _joined(self, source: moderngl.Texture, target: moderngl.Texture) -> None:
+        self._join.run_over(halved(self.size), source=source, target=target)
 
     def _displace(self, source: moderngl.Texture, call: Call) -> None:
         self.set_seed(call.seed)
@@ -140,34 +139,16 @@ class _FlatField(PicturePass):
             **low_constants(),
         }
         super().__init__(ctx, warped.size, pooled, constants)
-        push, displace, self._white, self._halve = (
+        self._push, self._displace, self._white, self._halve = (
             self._compile(name) for name in ("field", "displace", "field_white", "field_halve")
         )
         self._set(smoothness=settings.smoothness, reach=settings.reach)
-        displace["energies"] = np.array(white_energies(count + 2), np.float32)
+        self._displace["energies"] = np.array(white_energies(count + 2), np.float32)
         sizes = resolutions(self.size, count)
         self._noise = [self._texture(size, "rg32f") for size in sizes]
         # By resolution less 1: the finest is the look-up's.
-        chosen = [self._texture(size, "rg32f") for size in sizes[1:-1]]
-        self._pushes = [
-            push.step_over(
-                sizes[r],
-                {"halvings": of_int(r)},
-                own=self._noise[r],
-                coarse=coarse,
-                chosen=chosen[r - 1],
-            )
-            for r, coarse in reversed(list(enumerate([*chosen[1:], self._noise[-1]], start=1)))
-        ]
-        self._displace = Dispatches(
-            lambda source: displace.step_over(
-                self.size,
-                source=source,
-                warped=warped,
-                noise=self._noise[0],
-                coarse_field=chosen[0],
-            )
-        )
+        self._chosen = [self._texture(size, "rg32f") for size in sizes[1:-1]]
+        self._displace.hold(warped=warped, noise=self._noise[0], coarse_field=self._chosen[0])
         self._seed: int | None = None
 
     def set_seed(self, seed: int) -> None:
@@ -180,9 +161,15 @@ class _FlatField(PicturePass):
         self._seed = seed
 
     def displace(self, source: moderngl.Texture) -> None:
-        for step in self._pushes:
-            step.run()
-        self._displace.run(source)
+        self._play(self._look_up, source)
+
+    def _look_up(self, source: moderngl.Texture) -> None:
+        coarser = [*self._chosen[1:], self._noise[-1]]
+        for r, coarse in reversed(list(enumerate(coarser, start=1))):
+            self._push["halvings"] = r
+            chosen = self._chosen[r - 1]
+            self._push.run_over(chosen.size, own=self._noise[r], coarse=coarse, chosen=chosen)
+        self._displace.run_over(self.size, source=source)
 
 
 class _SphereField(PicturePass):
@@ -196,17 +183,18 @@ class _SphereField(PicturePass):
         warped: moderngl.Texture,
     ) -> None:
         super().__init__(ctx, warped.size, pooled)
-        self._shader_of_all = shader = self._compile("displace_sphere", CUBIC=CUBIC, FINEST=FINEST)
+        self._displace = self._compile("displace_sphere", CUBIC=CUBIC, FINEST=FINEST)
+        self._displace.hold(warped=warped)
         self._set(smoothness=settings.smoothness, reach=settings.reach)
-        self._displace = Dispatches(
-            lambda source: shader.step_over(self.size, source=source, warped=warped)
-        )
 
     def set_seed(self, seed: int) -> None:
-        self._shader_of_all["key"] = key_of(seed, Stream.LATTICE)
+        self._displace["key"] = key_of(seed, Stream.LATTICE)
 
     def displace(self, source: moderngl.Texture) -> None:
-        self._displace.run(source)
+        self._play(self._look_up, source)
+
+    def _look_up(self, source: moderngl.Texture) -> None:
+        self._displace.run_over(self.size, source=source)
 
 
 class _Match(PicturePass):
@@ -233,9 +221,7 @@ class _Match(PicturePass):
             (is_level, deepest): self._compile("match", LEVEL=is_level, DEEPEST=deepest)
             for is_level, deepest in dict.fromkeys(keys)
         }
-        self._steps = [
-            self._step(made[key], r, *key) for r, key in reversed(list(enumerate(keys, start=1)))
-        ]
+        self._shaders_of = [made[key] for key in keys]
         self.lacking: dict[str, Resource] = {
             "coarse_difference": self._difference[0],
             "coarse_own": self._own.pulled.lows[0],
@@ -243,25 +229,23 @@ class _Match(PicturePass):
             **self._moments(1),
         }
 
-    def _step(self, shader: Shader, r: int, is_level: bool, deepest: bool) -> Dispatch:
+    def _match(self, shader: Shader, r: int) -> None:
         given: dict[str, Resource] = {
             "true_low": self._true.pulled.lows[r - 1],
             "own_low": self._own.pulled.lows[r - 1],
             "difference": self._difference[r - 1],
         }
-        if not deepest:
+        if r < self._count:
             given["coarse_difference"] = self._difference[r]
-        if is_level:
+        if r < self._levels:
             given["change"] = self._change[r - 1]
             given["coarse_own"] = self._own.pulled.lows[r]
             given["coarse_change"] = self._change[min(r, self._levels - 2)]
             given |= self._moments(r)
-        uniforms = {
-            "halvings": of_int(r),
-            "moments_at": of_int(r + 1),
-            "has_coarse_change": of_int(r + 1 < self._levels),
-        }
-        return shader.step_over(self._true.sizes[r], uniforms, **given)
+        shader["halvings"] = r
+        shader["moments_at"] = r + 1
+        shader["has_coarse_change"] = r + 1 < self._levels
+        shader.run_over(self._true.sizes[r], **given)
 
     @property
     def has_change(self) -> bool:
@@ -278,10 +262,13 @@ class _Match(PicturePass):
 
     def __call__(self) -> None:
         """Push the difference of pools' means, and what bands add too little, to resolution 1."""
+        self._play(self._push)
+
+    def _push(self) -> None:
         self._true.push(2)
         self._own.push(2)
-        for step in self._steps:
-            step.run()
+        for r, shader in reversed(list(enumerate(self._shaders_of, start=1))):
+            self._match(shader, r)
 
     def _moments(self, r: int) -> dict[str, moderngl.TextureArray]:
         """Both pictures' moments of resolution r + 1, chosen."""

@@ -31,7 +31,7 @@ from pipeline.foveation.picture_pass import (
 )
 from pipeline.foveation.pooling import FADE_SHARE, MetamerSettings, Pooling
 from pipeline.frame import check_seed
-from pipeline.gl.compute import Dispatch, Dispatches, Shader, let_go
+from pipeline.gl.compute import Shader, let_go
 from pipeline.gl.texture import check_texture, create_texture, texture_from, upload
 from pipeline.noise.gains import LAGS, fitted_mixing
 from pipeline.noise.gpu import NoisePass
@@ -223,12 +223,8 @@ class BlurPass(FoveationPass):
     def __init__(self, ctx: moderngl.Context, geometry: Geometry, pooling: Pooling) -> None:
         super().__init__(ctx, geometry, pooling)
         self._chain = self._analysis(0, chain_length(*self.size))
-        finish, coarse = self._compile("finish", FADE_SHARE=FADE_SHARE), self._chain.chosen.lows[0]
-        self._finish_steps = Dispatches(
-            lambda source, target: finish.step_over(
-                self.size, source=source, coarse=coarse, target=target
-            )
-        )
+        self._last = self._compile("finish", FADE_SHARE=FADE_SHARE)
+        self._last.hold(coarse=self._chain.chosen.lows[0])
 
     def _analyse(self, source: moderngl.Texture) -> None:
         self._chain.pull(source)
@@ -240,7 +236,10 @@ class BlurPass(FoveationPass):
         self._chain.release_but(self._chain.chosen.lows[:1])
 
     def _finish(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:  # noqa: ARG002
-        self._finish_steps.run(source, target)
+        self._play(self._add, source, target)
+
+    def _add(self, source: moderngl.Texture, target: moderngl.Texture) -> None:
+        self._last.run_over(self.size, source=source, target=target)
 
 
 class MetamerPass(FoveationPass):
@@ -274,35 +273,45 @@ class MetamerPass(FoveationPass):
         layers = weight_layers(levels, bent=self._chroma)
         self._weights = self._array(self._chain.sizes[2], layers, "rgba16f")
         constants = gains_constants(levels, chroma=self._chroma, count=count)
-        gains = self._compile("gains", **constants)
-        self._gains = self._gains_step(gains)
+        self._gains = self._compile("gains", **constants)
         self._on_screen = self._compile_finish(carried=False)
-        self._finish_steps = Dispatches(self._finish_step)
 
     def _analyse(self, source: moderngl.Texture) -> None:
         self._chain.pull(source)
 
     def _choose(self, source: moderngl.Texture, call: Call) -> None:  # noqa: ARG002
         self.set_seed(call.seed, carried=call.noise_shift_px is not None)
-        self._chain.push(2)
-        self._gains.run()
-        self._chain.push(1, 1)
+        self._play(self._weigh)
 
     def _spare(self) -> None:
         self._chain.release_but(self._chain.chosen.lows[:1])
 
     def _finish(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:
-        self._finish_steps.run(source, target, call.noise_shift_px)
+        self._play(self._add, source, target, call.noise_shift_px)
 
-    def _finish_step(
+    def _weigh(self) -> None:
+        # Moments of resolutions 1 and 2 as they were pulled, of the others as they were chosen.
+        chain = self._chain
+        chain.push(2)
+        last = min(max(3, self.levels), chain.count)
+        moments, powers = chain.chosen.moments[:last], chain.chosen.powers[1:3]
+        self._gains.run_over(
+            halved(chain.sizes[2]),
+            weights=self._weights,
+            moments=[one for one in moments if one],
+            powers=[one for one in powers if one],
+        )
+        chain.push(1, 1)
+
+    def _add(
         self,
         source: moderngl.Texture,
         target: moderngl.Texture,
         shift_px: moderngl.Texture | None,
-    ) -> Dispatch:
+    ) -> None:
         lies = self._screen if shift_px is None else self._carried
         assert lies is not None
-        return (self._on_screen if isinstance(lies, NoisePass) else lies.finish).step_over(
+        (self._on_screen if isinstance(lies, NoisePass) else lies.finish).run_over(
             halved(self.size),
             source=source,
             coarse=self._chain.chosen.lows[0],
@@ -340,18 +349,6 @@ class MetamerPass(FoveationPass):
             self._carried = CarriedNoise(finish, texture)
         self._carried.texture.write(tile.tobytes())
         self._carried.seed = seed
-
-    def _gains_step(self, gains: Shader) -> Dispatch:
-        # Of resolutions 1 and 2 as they were pulled, of the others as they were chosen.
-        chain = self._chain
-        last = min(max(3, self.levels), chain.count)
-        moments, powers = chain.chosen.moments[:last], chain.chosen.powers[1:3]
-        return gains.step_over(
-            halved(chain.sizes[2]),
-            weights=self._weights,
-            moments=[one for one in moments if one],
-            powers=[one for one in powers if one],
-        )
 
     def _compile_finish(self, *, carried: bool) -> Shader:
         constants = noise_constants(self.levels, BENT=self._chroma)

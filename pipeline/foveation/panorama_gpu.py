@@ -18,7 +18,6 @@ from pipeline.foveation.panorama import cap_gaze_px, cap_of
 from pipeline.foveation.picture_pass import TILE, PicturePass, PoolUniforms, sphere_constants
 from pipeline.foveation.pooling import Pooling
 from pipeline.foveation.view import NOISE_BELT_DEG, belt_px, samples_of, turn
-from pipeline.gl.compute import Dispatches
 from pipeline.gl.passes import Pass
 from pipeline.gl.texture import check_texture
 
@@ -61,7 +60,7 @@ class PanoramaPass(FoveationPass):
         self._belt, self._caps = belt, caps
         self._inner = [self._part(made) for made in (belt, *(made for _, made in caps))]
         self.chains = [chain for made in self._inner for chain in made.chains]
-        join = self._compile("charts", CUBIC=CUBIC, **sphere_constants())
+        self._join = join = self._compile("charts", CUBIC=CUBIC, **sphere_constants())
         join["cap_radian_px"] = caps[0][0].radian_px
         self._shown = [self._texture(made.size) for made in self._inner]
         self._seen = [self._texture(made.size) for _, made in caps]
@@ -69,12 +68,7 @@ class PanoramaPass(FoveationPass):
             self._part(_CapLookUp(ctx, PoolUniforms(cap, pooling), seen))
             for (cap, _), seen in zip(caps, self._seen, strict=True)
         ]
-        pictures = dict(zip(("belt", "upper", "lower"), self._shown, strict=True))
-        self._join = Dispatches(
-            lambda source, target: join.step_over(
-                self.size, source=source, target=target, **pictures
-            )
-        )
+        join.hold(**dict(zip(("belt", "upper", "lower"), self._shown, strict=True)))
 
     def _analyse(self, source: moderngl.Texture) -> None:
         self._belt.hold(source)
@@ -96,7 +90,10 @@ class PanoramaPass(FoveationPass):
             made.release()
 
     def _finish(self, source: moderngl.Texture, target: moderngl.Texture, call: Call) -> None:  # noqa: ARG002
-        self._join.run(source, target)
+        self._play(self._joined, source, target)
+
+    def _joined(self, source: moderngl.Texture, target: moderngl.Texture) -> None:
+        self._join.run_over(self.size, source=source, target=target)
 
 
 class _CapLookUp(PicturePass):
@@ -104,13 +101,14 @@ class _CapLookUp(PicturePass):
 
     def __init__(self, ctx: moderngl.Context, pooled: PoolUniforms, cap: moderngl.Texture) -> None:
         super().__init__(ctx, cap.size, pooled)
-        look_up = self._compile("cap", CUBIC=CUBIC)
-        self._steps = Dispatches(
-            lambda panorama: look_up.step_over(self.size, panorama=panorama, cap=cap)
-        )
+        self._shader_of_all = self._compile("cap", CUBIC=CUBIC)
+        self._shader_of_all.hold(cap=cap)
 
     def __call__(self, panorama: moderngl.Texture) -> None:
-        self._steps.run(panorama)
+        self._play(self._look_up, panorama)
+
+    def _look_up(self, panorama: moderngl.Texture) -> None:
+        self._shader_of_all.run_over(self.size, panorama=panorama)
 
 
 class ViewPass(Pass):
@@ -130,7 +128,7 @@ class ViewPass(Pass):
         super().__init__(ctx)
         self._panorama_px = panorama_px
         self.size = geometry.width_px, geometry.height_px
-        shader = self._shader(
+        self._shader_of_all = shader = self._shader(
             "foveation/shaders/view.comp.glsl",
             TILE=TILE,
             SAMPLES=samples_of(geometry, panorama_px[0]),
@@ -141,11 +139,6 @@ class ViewPass(Pass):
         shader["distance_px"] = geometry.distance_px
         shader["belt_px"] = belt_px(geometry)
         self._turned = shader.uniform("turned")
-        self._steps = Dispatches(
-            lambda panorama, view, shift_px: shader.step_over(
-                self.size, panorama=panorama, view=view, shift_px=shift_px
-            )
-        )
 
     def __call__(
         self,
@@ -157,9 +150,14 @@ class ViewPass(Pass):
         down_deg: float = 0.0,
     ) -> None:
         """Look into a direction: `view` (rgba32f), and its `noise_shift_px` (rg32f)."""
+        # OpenGL has a matrix column by column.
+        self._turned.write(turn(right_deg, down_deg).T.astype(np.float32).tobytes())
+        self._play(self._look, panorama, view, shift_px)
+
+    def _look(
+        self, panorama: moderngl.Texture, view: moderngl.Texture, shift_px: moderngl.Texture
+    ) -> None:
         check_texture(panorama, "panorama", self._panorama_px, "rgba32f", "rgba8")
         check_texture(view, "view", self.size, "rgba32f")
         check_texture(shift_px, "shift_px", self.size, "rg32f")
-        # OpenGL has a matrix column by column.
-        self._turned.write(turn(right_deg, down_deg).T.astype(np.float32).tobytes())
-        self._steps.run(panorama, view, shift_px)
+        self._shader_of_all.run_over(self.size, panorama=panorama, view=view, shift_px=shift_px)

@@ -36,7 +36,7 @@ from pipeline.foveation.pooling import FADE_SHARE, HALVED_VARIANCE, Pooling
 from pipeline.foveation.reference import AIM, COLOURED, FIRST_SMOOTH, ROOMY
 from pipeline.foveation.sphere import BELT_DEG, CAP_DEG
 from pipeline.frame import check_seed
-from pipeline.gl.compute import Dispatches, Shader
+from pipeline.gl.compute import Shader
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
 from pipeline.gl.texture import check_texture, create_texture, read_back
@@ -229,6 +229,9 @@ class WeighedNoisePass(PicturePass):
 
     def _add_noise(self, target: moderngl.Texture, seed: int) -> None:
         self._noise.set_seed(check_seed(seed))
+        self._play(self._add, target)
+
+    def _add(self, target: moderngl.Texture) -> None:
         self._finish.run_over(
             halved(self.size),
             source=self._base,
@@ -260,15 +263,10 @@ class CutPass(Pass):
         super().__init__(ctx)
         self._geometry = geometry
         self.size = geometry.width_px, geometry.height_px
-        shader = self._shader("foveation/shaders/cut.comp.glsl", TILE=TILE)
+        self._shader_of_all = shader = self._shader("foveation/shaders/cut.comp.glsl", TILE=TILE)
         shader["centre_px"] = geometry.centre_px
         shader["distance_px"] = geometry.distance_px
         self._normal, self._ramp = shader.uniform("normal"), shader.uniform("ramp_deg")
-        self._steps = Dispatches(
-            lambda first, second, target: shader.step_over(
-                self.size, first=first, second=second, target=target
-            )
-        )
 
     def __call__(
         self,
@@ -281,9 +279,14 @@ class CutPass(Pass):
         ramp_deg: float,
     ) -> None:
         """Show `first` on the left of the line's direction, `second` (rgba8 too) on its right."""
+        self._normal.value = tuple(map(float, cut_normal(self._geometry, gaze_px, angle_deg)))
+        self._ramp.value = ramp_deg
+        self._play(self._cut, first, second, target)
+
+    def _cut(
+        self, first: moderngl.Texture, second: moderngl.Texture, target: moderngl.Texture
+    ) -> None:
         check_texture(first, "first", self.size, "rgba32f")
         check_texture(second, "second", self.size, "rgba32f", "rgba8")
         check_texture(target, "target", self.size, "rgba32f")
-        self._normal.value = tuple(map(float, cut_normal(self._geometry, gaze_px, angle_deg)))
-        self._ramp.value = ramp_deg
-        self._steps.run(first, second, target)
+        self._shader_of_all.run_over(self.size, first=first, second=second, target=target)

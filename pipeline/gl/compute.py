@@ -6,7 +6,8 @@ dispatch that writes.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, Self, TypeAlias, cast
@@ -30,7 +31,10 @@ Resource: TypeAlias = Texture | moderngl.Buffer | Sequence[Texture]
 
 _IMAGE = re.compile(r"\blayout\s*\(\s*(\w+)\s*\)([\w\s]*?)\b[iu]?image\w+\s+(\w+)\s*;")
 _SAMPLER = re.compile(r"\buniform\s+[iu]?sampler\w+\s+(\w+)")
-_BLOCK = re.compile(r"\blayout\s*\(\s*std\d+\s*\)([\w\s]*?)\b(buffer|uniform)\s+(\w+)\s*\{")
+_BLOCK = re.compile(
+    r"\blayout\s*\(\s*std\d+\s*\)([\w\s]*?)\b(buffer|uniform)\s+(\w+)\s*\{([^}]*)\}"
+)
+_MEMBER = re.compile(r"\b(float|u?int|[iu]?vec([234]))\s+(\w+)\s*(\[?)[^;]*;")
 _UNIFORM = re.compile(r"\buniform\s+\w+\s+([^;{}()]+);")
 _LOCAL_SIZE = re.compile(r"\blocal_size_([xy])\s*=\s*(\w+)")
 _DEFINE = re.compile(r"^\s*#define\s+(\w+)\s+(\d+)\s*$", re.MULTILINE)
@@ -54,53 +58,126 @@ void main() {
 class _Slot:
     """Binding point of a resource, and what the shader does with it."""
 
-    kind: str  # "image", "sampler", "buffer" or "block"
+    kind: str  # "image", "sampler" or "buffer"
     point: int
     format: str = ""  # of an image
     reads: bool = True
     writes: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Dispatch:
-    """A dispatch with all that it binds, recorded: `run` looks nothing up and makes no object."""
+class Tape:
+    """Record of what a frame asks of the driver: `play` looks nothing up and makes no object."""
 
-    prepare: tuple[Callable[[], object], ...]
-    program: moderngl.ComputeShader
-    groups: tuple[int, int]
-    settle: tuple[Callable[[], object], ...]  # the barrier behind it
+    def __init__(self) -> None:
+        self._calls: list[Callable[[], object]] = []
+        self._standing: dict[tuple[moderngl.ComputeShader, str], bytes] = {}
 
-    def run(self) -> None:
-        """Bind and dispatch."""
-        for call in self.prepare:
+    def add(self, call: Callable[[], object]) -> None:
+        """Add a call of the driver."""
+        self._calls.append(call)
+
+    def tell(self, program: moderngl.ComputeShader, name: str, value: bytes) -> None:
+        """Add the value of a uniform, unless it is the one that stands."""
+        if self._standing.get((program, name)) != value:
+            self._standing[program, name] = value
+            uniform = cast(moderngl.Uniform, program[name])
+            self.add(partial(uniform.write, value))
+
+    def play(self) -> None:
+        """Ask all of it again."""
+        for call in self._calls:
             call()
-        self.program.run(*self.groups)
-        for call in self.settle:
-            call()
 
 
-class Dispatches:
-    """Steps for textures that callers bring, recorded when they first do; the last few are kept."""
+_recording: ContextVar[Tape | None] = ContextVar("recording", default=None)
+
+
+def ask(call: Callable[[], object]) -> None:
+    """Ask the driver for something; it is recorded where a frame is."""
+    call()
+    if (tape := _recording.get()) is not None:
+        tape.add(call)
+
+
+class Tapes:
+    """Tapes of frames, by the textures and numbers that they are for; the last few are kept."""
 
     MOST = 8
 
-    def __init__(self, record: Callable[..., Dispatch]) -> None:
-        self._record = record
-        self._steps: dict[tuple[Texture | None, ...], Dispatch] = {}
+    def __init__(self) -> None:
+        self._tapes: dict[Hashable, Tape] = {}
 
-    def run(self, *textures: Texture | None) -> None:
-        """Run the step for these."""
-        step = self._steps.get(textures)
-        if step is None:
-            if len(self._steps) == self.MOST:
-                del self._steps[next(iter(self._steps))]
-            step = self._steps[textures] = self._record(*textures)
-        step.run()
+    def play(self, key: Hashable, frame: Callable[[], object]) -> None:
+        """Ask for a frame: recorded the first time. Part of another, it is recorded with that."""
+        if _recording.get() is not None:
+            frame()
+        elif tape := self._tapes.get(key):
+            tape.play()
+        else:
+            token = _recording.set(tape := Tape())
+            try:
+                frame()
+            finally:
+                _recording.reset(token)
+            if len(self._tapes) == self.MOST:
+                del self._tapes[next(iter(self._tapes))]
+            self._tapes[key] = tape
+
+    def clear(self) -> None:
+        """Forget them."""
+        self._tapes.clear()
 
 
-def of_int(value: int) -> bytes:
-    """A whole number, true or false as a shader holds it."""
-    return np.int32(value).tobytes()
+class Launch:
+    """A dispatch of a program."""
+
+    def __init__(self, program: moderngl.ComputeShader, run: Callable[[], object]) -> None:
+        self.program, self._run = program, run
+
+    def __call__(self) -> None:
+        self._run()
+
+
+@dataclass(frozen=True)
+class _Member:
+    """Place of a member in a uniform block; of an array, which is last, bytes from row to row."""
+
+    offset: int
+    stride: int
+    dtype: str
+
+
+class _Block:
+    """A uniform block, whose members are told by name. What was told once keeps its buffer."""
+
+    def __init__(
+        self, ctx: moderngl.Context, point: int, size: int, members: Mapping[str, _Member]
+    ) -> None:
+        self.members = members
+        self._ctx, self._point = ctx, point
+        self._told = bytearray(size)
+        self._buffers: dict[bytes, moderngl.Buffer] = {}
+
+    def tell(self, name: str, value: Any) -> None:
+        """Set a member, for the dispatches to come."""
+        member = self.members[name]
+        rows = np.array(value, member.dtype)
+        for index, row in enumerate(rows if member.stride else [rows]):
+            first = member.offset + index * member.stride
+            self._told[first : first + row.nbytes] = row.tobytes()
+
+    def bind(self) -> Callable[[], object]:
+        """Return the call that binds what is told."""
+        told = bytes(self._told)
+        if told not in self._buffers:
+            self._buffers[told] = self._ctx.buffer(told)
+        return partial(self._buffers[told].mglo.bind_to_uniform_block, self._point, 0, -1)
+
+    def release(self) -> None:
+        """Free the buffers."""
+        for buffer in self._buffers.values():
+            buffer.release()
+        self._buffers.clear()
 
 
 def let_go(ctx: moderngl.Context) -> None:
@@ -120,9 +197,10 @@ class Shader:
     """A compiled compute shader.
 
     Its textures and buffers are arguments of `run`, by name; a buffer goes by its block's name,
-    ``OfGroups`` as ``of_groups``. Uniforms are set like items of a dictionary. A name that the
-    source declares but the driver found unused is taken and ignored; a name that it does not
-    declare is an error.
+    ``OfGroups`` as ``of_groups``. Uniforms are set like items of a dictionary, and so are members
+    of uniform blocks: what changes from dispatch to dispatch of a frame stands in one, which is
+    bound by one call. A name that the source declares but the driver found unused is taken and
+    ignored; a name that it does not declare is an error.
 
     Parameters
     ----------
@@ -166,6 +244,7 @@ class Shader:
         code = without_comments(source.text)
         self._declared = _declared(code)
         self._slots = _slots(self._program, code)
+        self._blocks = _blocks(ctx, self._program, code)
         self._writes = any(slot.writes for slot in self._slots.values())
         self._held: dict[str, Resource] = {}
         self._checked: dict[str, Resource] = {}
@@ -173,18 +252,27 @@ class Shader:
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Set a uniform; an array as rows, of which the shader takes as many as it uses."""
+        for block in self._blocks:
+            if name in block.members:
+                block.tell(name, value)
+                return
         uniform = self._program.get(name, None)
         if uniform is None or name in self._slots:
             self._check_declared(name)
-        elif isinstance(value, np.ndarray):
-            rows = value[: cast(moderngl.Uniform, uniform).array_length]
-            cast(moderngl.Uniform, uniform).write(np.ascontiguousarray(rows).tobytes())
+            return
+        uniform = cast(moderngl.Uniform, uniform)
+        if isinstance(value, np.ndarray):
+            rows = value[: uniform.array_length]
+            uniform.write(np.ascontiguousarray(rows).tobytes())
         else:
-            cast(moderngl.Uniform, uniform).value = value
+            uniform.value = value
+        if (tape := _recording.get()) is not None:
+            tape.tell(self._program, name, uniform.read())
 
     def __contains__(self, name: str) -> bool:
         """Return True if a resource or uniform is in use."""
-        return name in self._slots or name in self._program
+        told = any(name in block.members for block in self._blocks)
+        return told or name in self._slots or name in self._program
 
     def uniform(self, name: str) -> moderngl.Uniform:
         """A uniform that is in use, to be written often."""
@@ -205,57 +293,28 @@ class Shader:
             If a resource that the shader uses is missing, one is not declared, or a texture has
             not the format of its image.
         """
-        for bind in self._bindings(resources):
-            bind()
-        self._program.run(x, y)
-        self._finish()
+        self._launch(partial(self._program.mglo.run, x, y, 1), resources)
 
     def run_over(self, size: tuple[int, int], /, **resources: Resource) -> None:
         """Dispatch so many work groups that each pixel of `size` (width, height) has its own."""
         self.run(*self._groups_over(size), **resources)
 
-    def step_over(
-        self,
-        size: tuple[int, int],
-        uniforms: Mapping[str, bytes] | None = None,
-        /,
-        **resources: Resource,
-    ) -> Dispatch:
-        """Record `run_over`, for the same resources as often as you like.
-
-        Parameters
-        ----------
-        uniforms : mapping, optional
-            Set before each run, where other steps of this shader set them otherwise; as the bytes
-            that the shader holds.
-        """
-        setters = [
-            partial(self.uniform(name).write, value)
-            for name, value in (uniforms or {}).items()
-            if name in self._program
-        ]
-        barrier = (partial(self._ctx.mglo.memory_barrier, moderngl.ALL_BARRIER_BITS, False),)
-        return Dispatch(
-            (*setters, *self._bindings(resources)),
-            self._program,
-            self._groups_over(size),
-            barrier if self._writes else (),
-        )
-
     def run_indirect(self, groups: moderngl.Buffer, offset: int, /, **resources: Resource) -> None:
         """Dispatch as many work groups as `groups` says at `offset` bytes: x, y, z of uint32."""
-        for bind in self._bindings(resources):
-            bind()
-        self._program.run_indirect(groups, offset)
-        self._finish()
+        self._launch(partial(self._program.mglo.run_indirect, groups.mglo, offset), resources)
 
     def release(self) -> None:
         """Free the program."""
         self._program.release()
+        for block in self._blocks:
+            block.release()
 
-    def _finish(self) -> None:
+    def _launch(self, run: Callable[[], object], resources: dict[str, Resource]) -> None:
+        for bind in (*self._bindings(resources), *(block.bind() for block in self._blocks)):
+            ask(bind)
+        ask(Launch(self._program, run))
         if self._writes:
-            self._ctx.memory_barrier()
+            ask(partial(self._ctx.mglo.memory_barrier, moderngl.ALL_BARRIER_BITS, False))
 
     def _groups_over(self, size: tuple[int, int]) -> tuple[int, int]:
         (width, height), (columns, rows) = size, self.group
@@ -279,8 +338,6 @@ class Shader:
                 yield partial(resource.mglo.bind, slot.point, slot.reads, slot.writes, 0, 0)
             elif slot.kind == "buffer":
                 yield partial(resource.mglo.bind_to_storage_buffer, slot.point, 0, -1)
-            elif slot.kind == "block":
-                yield partial(resource.mglo.bind_to_uniform_block, slot.point, 0, -1)
             else:
                 textures = resource if isinstance(resource, Sequence) else (resource,)
                 for point, texture in enumerate(textures, start=slot.point):
@@ -297,7 +354,7 @@ class Shader:
                     )
             case "sampler", moderngl.Texture() | moderngl.TextureArray() | [*_]:
                 pass
-            case "buffer" | "block", moderngl.Buffer():
+            case "buffer", moderngl.Buffer():
                 pass
             case _:
                 raise ShaderError(
@@ -313,10 +370,12 @@ class Shader:
 
 @cache
 def _declared(code: str) -> frozenset[str]:
-    """Every name that a caller may give: uniforms, images, samplers, blocks."""
+    """Every name that a caller may give: uniforms, images, samplers, buffers."""
     names = {match[3] for match in _IMAGE.finditer(code)}
     names |= {match[1] for match in _SAMPLER.finditer(code)}
-    names |= {_argument(match[3]) for match in _BLOCK.finditer(code)}
+    for match in _BLOCK.finditer(code):
+        of_block = {member[3] for member in _MEMBER.finditer(match[4])}
+        names |= {_argument(match[3])} if match[2] == "buffer" else of_block
     for match in _UNIFORM.finditer(code):
         names |= {re.split(r"[\s\[=]", part.strip())[0] for part in match[1].split(",")}
     return frozenset(names)
@@ -333,10 +392,10 @@ def _slots(program: moderngl.ComputeShader, code: str) -> dict[str, _Slot]:
             reads or "writeonly" not in words,
             writes or "readonly" not in words,
         )
-    blocks = {match[3]: (match[2], match[1].split()) for match in _BLOCK.finditer(code)}
+    buffers = {m[3]: m[1].split() for m in _BLOCK.finditer(code) if m[2] == "buffer"}
     samplers = {match[1] for match in _SAMPLER.finditer(code)}
     slots: dict[str, _Slot] = {}
-    taken = dict.fromkeys(("image", "sampler", "buffer", "block"), 0)
+    taken = dict.fromkeys(("image", "sampler", "buffer"), 0)
     for name in program:
         member: Any = program[name]
         count = 1
@@ -349,11 +408,8 @@ def _slots(program: moderngl.ComputeShader, code: str) -> dict[str, _Slot]:
             slot, count = _Slot("sampler", taken["sampler"]), member.array_length
             first = slot.point
             member.value = first if count == 1 else list(range(first, first + count))
-        elif name in blocks:
-            kind, words = blocks[name]
-            kind = "buffer" if kind == "buffer" else "block"
-            writes = kind == "buffer" and "readonly" not in words
-            slot = _Slot(kind, taken[kind], writes=writes)
+        elif name in buffers:
+            slot = _Slot("buffer", taken["buffer"], writes="readonly" not in buffers[name])
             member.binding = slot.point
             name = _argument(name)
         else:
@@ -361,6 +417,30 @@ def _slots(program: moderngl.ComputeShader, code: str) -> dict[str, _Slot]:
         slots[name] = slot
         taken[slot.kind] += count
     return slots
+
+
+def _blocks(ctx: moderngl.Context, program: moderngl.ComputeShader, code: str) -> list[_Block]:
+    """Give the uniform blocks in use their binding points."""
+    blocks: list[_Block] = []
+    for match in _BLOCK.finditer(code):
+        block = program.get(match[3], None)
+        if match[2] == "uniform" and isinstance(block, moderngl.UniformBlock):
+            block.binding = len(blocks)
+            blocks.append(_Block(ctx, block.binding, block.size, _members(match[4])))
+    return blocks
+
+
+def _members(text: str) -> dict[str, _Member]:
+    """Members of a block by name, laid out as std140 has it."""
+    members, end = {}, 0
+    for kind, width, name, array in _MEMBER.findall(text):
+        count = int(width or 1)
+        edge = 16 if array else 4 * {1: 1, 2: 2}.get(count, 4)
+        first = -(-end // edge) * edge
+        number = {"i": "i4", "u": "u4"}.get(kind[0], "f4")
+        members[name] = _Member(first, 16 if array else 0, number)
+        end = first + 4 * count
+    return members
 
 
 def _argument(block: str) -> str:

@@ -1,11 +1,12 @@
 """Base of every pass on the GPU: it owns what it made."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping
+from functools import partial
 from typing import Protocol, TypeVar
 
 import moderngl
 
-from pipeline.gl.compute import Resource, Shader, Texture
+from pipeline.gl.compute import Resource, Shader, Tapes, Texture
 from pipeline.gl.shader import Constant
 from pipeline.gl.texture import create_texture, create_texture_array, texture_bytes
 
@@ -40,6 +41,8 @@ class Pass:
         self._textures: list[Texture] = []
         self._buffers: list[moderngl.Buffer] = []
         self._parts: list[PassPart] = []
+        self._tapes = Tapes()
+        self._told: dict[str, object] = {}
 
     @property
     def held_bytes(self) -> int:
@@ -54,6 +57,7 @@ class Pass:
 
     def release_but(self, kept: Collection[Texture]) -> None:
         """Free everything this pass made, but some of its own textures, until it is released."""
+        self._tapes.clear()
         freed = [texture for texture in self._textures if texture not in kept]
         for item in (*self._parts, *freed, *self._buffers, *self._shaders):
             item.release()
@@ -73,10 +77,24 @@ class Pass:
                 if name in shader:
                     shader[name] = value
 
+    def tell(self, **uniforms: object) -> None:
+        """Set uniforms that frames may change, in this pass and its parts; no tape has them."""
+        if uniforms.items() <= self._told.items():
+            return
+        self._told.update(uniforms)
+        self._set(**uniforms)
+        for part in self._parts:
+            if isinstance(part, Pass):
+                part.tell(**uniforms)
+
     def _hold(self, **resources: Resource) -> None:
         """Keep resources in all shaders made so far that use them, for the runs to come."""
         for shader in self._shaders:
             shader.hold(**{name: one for name, one in resources.items() if name in shader})
+
+    def _play(self, frame: Callable[..., object], *given: Hashable) -> None:
+        """Ask for a frame of what is given, recorded the first time; see `Tapes`."""
+        self._tapes.play((frame, given), partial(frame, *given))
 
     def _texture(self, size: tuple[int, int], format_name: str) -> moderngl.Texture:
         texture = create_texture(self._ctx, size, format_name)

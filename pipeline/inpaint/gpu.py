@@ -263,9 +263,13 @@ class GuidedBasePass(Pass):
 
         `depth_m` (r32f) holds the background's depth inside holes.
         """
+        self.tell(z_near_m=z_near_m)
+        self._play(self.fill, image, depth_m)
+
+    def fill(self, image: moderngl.Texture, depth_m: moderngl.Texture) -> None:
+        """Fill an image, with the nearest depth that the passes were told."""
         check_texture(image, "image", self.resolutions.size, "rgba32f")
         check_texture(depth_m, "depth_m", self.resolutions.size, "r32f")
-        self._set(z_near_m=z_near_m)
         halves, half_guide = self.chain.at(1), self.guide.at(1)
         self.lists.reset()
         width, height = self.resolutions.sizes[2]

@@ -20,9 +20,11 @@ layout(r32f) uniform writeonly image2D coarse_guide;
 layout(r32f) uniform readonly image2D coarse_guide;
 #endif
 
-uniform ivec2 fine_size;
-uniform uvec3 fine_region[MOST_CHAINS];  // tiles of each chain that some pass has written
-uniform uvec2 incomplete_list;  // index and first entry: what push has to complete
+layout(std140) uniform Step {
+    ivec2 fine_size;
+    uvec2 incomplete_list;           // index and first entry: what push has to complete
+    uvec3 fine_region[MOST_CHAINS];  // tiles of each chain that some pass has written
+};
 
 void work(ivec2 pixel, int chain) {
     Taps taps = children_of(pixel, fine_size);

@@ -14,7 +14,7 @@ layout(rgba32f) uniform readonly image2D coarse;  // complete
 layout(r32f) uniform readonly image2D fine_guide;
 layout(r32f) uniform readonly image2D coarse_guide;
 
-uniform ivec2 coarse_size;
+layout(std140) uniform Step { ivec2 coarse_size; };
 
 void work(ivec2 pixel, int chain) {
     Taps taps = parents_of(pixel, coarse_size);

@@ -82,7 +82,8 @@ FIRST_STORED = 2  # moments of level k are stored from resolution k + 2 on
 HALVED_TILE = 2  # edge of a tile of ("jumps", 2): a pixel of resolution 3
 TILES_AT_ONCE = 4  # of ("first", k) in one work group: 4x4 pixels each, see tiles.glsl
 
-SHELLS = 64  # dispatched in a row; an even number, as the last one becomes the first
+SHELLS = 32  # dispatched in a row; an even number, as the last one becomes the first
+_EMPTY = np.tile(np.array([0, 1, 1, 0], np.uint32), SHELLS).tobytes()  # counts of their lists
 DOWNWARDS = 1 << 31  # as lists.glsl has it
 
 LIST_GROUP = 64  # invocations of a work group, as lists.glsl has it
@@ -216,13 +217,12 @@ class WorkLists(Pass):
 
     def carry_shells(self) -> bool:
         """Begin anew with the last shell as the first; tell whether it holds anything."""
-        first, last = (self._lists["shell", k].index for k in (0, SHELLS))
+        first, last = self._lists["shell", 0].index, self._lists["shell", SHELLS].index
         stride = _COUNTS_STRIDE
         # Through a copy: a driver maps a buffer as it was before the last pass appended to it.
         self._ctx.copy_buffer(self._seen, self._counts, stride, read_offset=stride * last)
         found = self._seen.read()
-        empty = np.tile(np.array([0, 1, 1, 0], np.uint32), SHELLS).tobytes()
-        self._counts.write(found + empty, offset=stride * first)
+        self._counts.write(found + _EMPTY, offset=stride * first)
         return any(found[-4:])
 
     def appendable(self, key: Key) -> tuple[int, int]:

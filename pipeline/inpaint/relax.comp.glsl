@@ -23,7 +23,7 @@ layout(r32f) uniform readonly image2D guide;
 float guide_at(ivec2 pixel) { return imageLoad(guide, pixel).r; }
 #endif
 
-uniform int parity;
+layout(std140) uniform Step { int parity; };
 
 void relax(ivec2 pixel) {
     ivec2 last = imageSize(level) - 1;

@@ -21,9 +21,11 @@ layout(std430) coherent buffer Scratch { vec4 scratch[]; };
 layout(r32f) uniform readonly image2D top_guide;
 layout(std430) coherent buffer ScratchGuide { float scratch_guide[]; };
 
-uniform ivec2 top_size;
-uniform uvec3 top_region[MOST_CHAINS];  // active tiles of each chain
-uniform uvec3 guide_region;             // active tiles of the guide
+layout(std140) uniform Step {
+    ivec2 top_size;
+    uvec3 guide_region;             // active tiles of the guide
+    uvec3 top_region[MOST_CHAINS];  // active tiles of each chain
+};
 
 int scratch_at(int first, ivec2 size, ivec2 pixel) {
     return int(gl_WorkGroupID.x) * CHAIN_TEXELS + first + pixel.y * size.x + pixel.x;

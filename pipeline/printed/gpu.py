@@ -102,9 +102,12 @@ class PrintedPass(Pass):
         z_near_m : float
             The clip's nearest depth.
         """
-        frame.check(self.size)
         self.set_seed(seed)
-        self._split["z_near_m"] = z_near_m
+        self.tell(z_near_m=z_near_m)
+        self._play(self._fill, frame)
+
+    def _fill(self, frame: FrameTextures) -> None:
+        frame.check(self.size)
         self._pull_colours(frame.colour, frame.depth_m)
         levels = self.settings.levels
         for k in range(levels):

@@ -56,6 +56,9 @@ class PyramidPass(Pass):
         InputError
             If a texture's size or format is not the pass's.
         """
+        self._play(self._fill, image, filled)
+
+    def _fill(self, image: moderngl.Texture, filled: moderngl.Texture) -> None:
         check_texture(image, "image", self.size, "rgba32f")
         check_texture(filled, "filled", self.size, "rgba32f")
         levels = [image, *self._coarser]

@@ -6,9 +6,11 @@
 
 layout(local_size_x = LIST_GROUP) in;
 
-uniform uint list_index;
-uniform uint list_first;
-uniform ivec2 work_size;  // pixels of the resolution that the list is about
+layout(std140) uniform Visit {
+    uint list_index;
+    uint list_first;
+    ivec2 work_size;  // pixels of the resolution that the list is about
+};
 
 void work(ivec2 pixel, int chain);
 

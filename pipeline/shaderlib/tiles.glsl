@@ -11,9 +11,11 @@ layout(local_size_x = LIST_GROUP) in;
 #define TILE_PIXELS (TILE * TILE)
 #define TILES (LIST_GROUP / TILE_PIXELS)
 
-uniform uint list_index;
-uniform uint list_first;
-uniform ivec2 work_size;  // pixels of the resolution that the tiles divide
+layout(std140) uniform Visit {
+    uint list_index;
+    uint list_first;
+    ivec2 work_size;  // pixels of the resolution that the tiles divide
+};
 
 void work(ivec2 pixel, int chain);
 

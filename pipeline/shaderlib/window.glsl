@@ -15,7 +15,7 @@ float guide_at(ivec2 place) { return imageLoad(level_guide, place).r; }
 
 #if GATED
 layout(r32f) uniform readonly image2D gate;  // of 4x4 pixels
-uniform int gate_shift;
+layout(std140) uniform Gate { int gate_shift; };
 float part_at(ivec2 child) { return imageLoad(gate, child >> gate_shift).r; }
 #else
 float part_at(ivec2 child) { return 1.0; }

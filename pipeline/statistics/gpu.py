@@ -83,15 +83,12 @@ class VariancePass(Pass):
         if gate is not None:
             self._hold(gate=gate)
 
-    def __call__(
-        self, levels: Sequence[moderngl.Texture], depth_m: moderngl.Texture, z_near_m: float
-    ) -> None:
+    def __call__(self, levels: Sequence[moderngl.Texture], depth_m: moderngl.Texture) -> None:
         """Write `texels`, given the filled frame's levels (`LowBandPass`)."""
-        self._set(z_near_m=z_near_m)
         lists = self._base.lists
         for k, level in enumerate(levels):
             shader = self._first[k == 0]
-            self._set(gate_shift=FIRST_STORED - k)
+            shader["gate_shift"] = FIRST_STORED - k
             shader["halves_list"] = lists.appendable(("halves", k))
             shader["incomplete_list"] = lists.appendable(("moments", k + FIRST_STORED))
             own = self.chain.at(k + FIRST_STORED)
@@ -100,7 +97,7 @@ class VariancePass(Pass):
         self.chain()
         for k, level in enumerate(levels):
             shader = self._lacking[k == 0]
-            self._set(gate_shift=FIRST_STORED - k)
+            shader["gate_shift"] = FIRST_STORED - k
             shader["coarse_size"] = self._base.resolutions.sizes[k + FIRST_STORED]
             shader["corner"] = tuple(self.places[k, 2:].tolist())
             lists.run(
@@ -157,13 +154,13 @@ class LowBandPass(Pass):
             self._first = self._part(_FirstHalving(ctx, base))
 
     def __call__(
-        self, image: moderngl.Texture, depth_m: moderngl.Texture, z_near_m: float
+        self, image: moderngl.Texture, depth_m: moderngl.Texture
     ) -> list[moderngl.Texture]:
         """Return the levels, `image` (rgba32f) first."""
         levels = [image, *self._coarser]
         for k, (fine, coarse) in enumerate(pairwise(levels), start=1):
             if k == 1 and self._first:
-                self._first(fine, coarse, depth_m, z_near_m)
+                self._first(fine, coarse, depth_m)
                 continue
             # 2x2 results each
             self._lists.run(self._halve, ("source", k + 1), fine=fine, coarse=coarse)
@@ -192,16 +189,11 @@ class _FirstHalving(Pass):
         self._hold(**base.lists.shared)
 
     def __call__(
-        self,
-        fine: moderngl.Texture,
-        coarse: moderngl.Texture,
-        depth_m: moderngl.Texture,
-        z_near_m: float,
+        self, fine: moderngl.Texture, coarse: moderngl.Texture, depth_m: moderngl.Texture
     ) -> None:
         lists = self._base.lists
         width, height = self._base.resolutions.sizes[3]
         extents = self._base.guide.extents
         self._find.run(-(-width // LIST_GROUP), height, extents=extents)
         lists.run(self._plain, ("plain", 2), fine=fine, coarse=coarse)
-        self._jumps["z_near_m"] = z_near_m
         lists.run(self._jumps, ("jumps", 2), fine=fine, coarse=coarse, depth_m=depth_m)

@@ -23,8 +23,10 @@ layout(r32f) uniform readonly image2D half_guide;     // of 2x2
 layout(r32f) uniform readonly image2D quarter_guide;  // of 4x4
 layout(rgba32f) uniform readonly image2D base;        // of 2x2; a: confidence
 
-uniform ivec2 coarse_size;
-uniform ivec2 corner;  // of this level's variances
+layout(std140) uniform Step {
+    ivec2 coarse_size;
+    ivec2 corner;  // of this level's variances
+};
 
 vec3 squared(vec3 v) { return v * v; }
 

@@ -15,8 +15,10 @@ layout(rgba32f) uniform writeonly image2D moments;
 layout(r32f) uniform readonly image2D half_guide;     // of 2x2
 layout(r32f) uniform readonly image2D quarter_guide;  // of 4x4
 
-uniform uvec2 halves_list;      // index and first entry: 2x2 that push has to complete
-uniform uvec2 incomplete_list;  // the same for 4x4
+layout(std140) uniform Step {
+    uvec2 halves_list;      // index and first entry: 2x2 that push has to complete
+    uvec2 incomplete_list;  // the same for 4x4
+};
 
 // Six texels of a level in a row, and their guide.
 struct Six {

@@ -138,18 +138,22 @@ class MetamericPass(Pass):
         source_from_target : ndarray, shape (4, 4)
             Needed by ``anchor="camera"``; see `camera.reprojection`.
         """
-        frame.check(self.size)
         if self.settings.anchor == "camera":
             matrix = check_source_from_target(source_from_target)
             self._composite["source_from_target"] = tuple(
                 matrix.T.astype(np.float32).ravel().tolist()
             )
         self.set_seed(seed)
+        self.tell(z_near_m=z_near_m)
+        self._play(self.fill, frame)
+
+    def fill(self, frame: FrameTextures) -> None:
+        """Fill a frame, with the nearest depth that the passes were told and the noise at hand."""
+        frame.check(self.size)
         if self._fills:
-            self.base(frame.colour, frame.depth_m, z_near_m)
-        levels = self.low_bands(frame.colour, frame.depth_m, z_near_m)
-        self.variances(levels, frame.depth_m, z_near_m)
-        self._composite["z_near_m"] = z_near_m
+            self.base.fill(frame.colour, frame.depth_m)
+        levels = self.low_bands(frame.colour, frame.depth_m)
+        self.variances(levels, frame.depth_m)
         self.base.lists.run(
             self._composite,
             ("holes", 1),

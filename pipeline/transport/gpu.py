@@ -5,8 +5,6 @@ tensors of these; shell after shell, each over the list that the one before appe
 together. Then, where detail is asked for, the gate, and `metameric`'s own passes over the result.
 """
 
-from itertools import count
-
 import moderngl
 
 from pipeline.frame_textures import FrameTextures
@@ -104,23 +102,40 @@ class TransportPass(Pass):
         seed : int
             Of the detail's noise.
         """
-        frame.check(self.size)
-        self._base(frame.colour, frame.depth_m, z_near_m)
-        self._set(z_near_m=z_near_m)
-        self._hold(image=frame.colour, filled=frame.colour, depth_m=frame.depth_m)
-        run, holes = self.lists.run, ("holes", 1)
-        self._gradients.run_over(self._graded)
-        run(self._begin, holes)
-        run(self._tensors, ("band", 0))
-        for number in count(1):
-            slot = (number - 1) % SHELLS
-            self._shell["shell"] = float(number)
-            self._shell["ways"] = 4 if number % 2 else 8
-            self._shell["next_list"] = self.lists.appendable(("shell", slot + 1))
-            run(self._shell, ("shell", slot))
-            if slot + 1 == SHELLS and not self.lists.carry_shells():
-                break
-        run(self._finish, holes)
         if self._gate is not None:
-            run(self._gate, ("first", 1), 1 + FIRST_STORED)
-            self.detail(frame, z_near_m=z_near_m, seed=seed)
+            self.detail.set_seed(seed)
+        self.tell(z_near_m=z_near_m)
+        self._play(self._prepare, frame)
+        first = 1
+        while self.lists.carry_shells():
+            first += SHELLS
+            self._play(self._walk, frame, first)
+        self._play(self._end, frame)
+
+    def _prepare(self, frame: FrameTextures) -> None:
+        frame.check(self.size)
+        self._base.fill(frame.colour, frame.depth_m)
+        self._show(frame)
+        self._gradients.run_over(self._graded)
+        self.lists.run(self._begin, ("holes", 1))
+        self.lists.run(self._tensors, ("band", 0))
+        self._walk(frame, 1)
+
+    def _walk(self, frame: FrameTextures, first: int) -> None:
+        """Fill so many shells, from the `first` on."""
+        self._show(frame)
+        for slot in range(SHELLS):
+            self._shell["shell"] = float(first + slot)
+            self._shell["ways"] = 8 if slot % 2 else 4
+            self._shell["next_list"] = self.lists.appendable(("shell", slot + 1))
+            self.lists.run(self._shell, ("shell", slot))
+
+    def _end(self, frame: FrameTextures) -> None:
+        self._show(frame)
+        self.lists.run(self._finish, ("holes", 1))
+        if self._gate is not None:
+            self.lists.run(self._gate, ("first", 1), 1 + FIRST_STORED)
+            self.detail.fill(frame)
+
+    def _show(self, frame: FrameTextures) -> None:
+        self._hold(image=frame.colour, filled=frame.colour, depth_m=frame.depth_m)

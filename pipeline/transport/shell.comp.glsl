@@ -13,9 +13,11 @@
 
 layout(std430) buffer Listed { uint listed[]; };  // hole pixels: 1 in a shell, 0 not yet
 
-uniform float shell;
-uniform int ways;  // to the next shell: 4 along rows and columns, 8 along diagonals too
-uniform uvec2 next_list;
+layout(std140) uniform Step {
+    float shell;
+    int ways;  // to the next shell: 4 along rows and columns, 8 along diagonals too
+    uvec2 next_list;
+};
 
 bool is_seen(vec4 tensor, ivec2 place, float guide) {
     return tensor.a < shell && is_alike(guide, imageLoad(moved, place).a);

@@ -1,6 +1,7 @@
 """The warp on the GPU. Twin: reference.py."""
 
 import math
+from functools import partial
 
 import moderngl
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.frame_textures import FrameTextures
+from pipeline.gl.compute import ask
 from pipeline.gl.context import describe
 from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
@@ -126,9 +128,18 @@ class WarpPass(Pass):
         warped : FrameTextures of the window's size
             Overwritten.
         """
+        self._play(self._warp, colour, depth_m, flow_px, warped)
+
+    def _warp(
+        self,
+        colour: moderngl.Texture,
+        depth_m: moderngl.Texture,
+        flow_px: moderngl.Texture,
+        warped: FrameTextures,
+    ) -> None:
         self._check(colour, depth_m, flow_px, warped)
         motion = {"depth_m": depth_m, "flow_px": flow_px}
-        self._lists.write(COUNTERS)
+        ask(partial(self._lists.write, COUNTERS))
         self._set(round_index=0)
         self._small.run_over(self._mesh, **motion)
         self._classify.run(GROUPS, **motion)
@@ -259,6 +270,9 @@ class CompletePass(Pass):
 
     def __call__(self, first: FrameTextures, second: FrameTextures) -> None:
         """Complete `first` in place; both have one size."""
+        self._play(self._take, first, second)
+
+    def _take(self, first: FrameTextures, second: FrameTextures) -> None:
         self._complete.run_over(
             first.size,
             colour=first.colour,

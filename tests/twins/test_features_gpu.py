@@ -32,7 +32,8 @@ def low_bands(gl_context):
         texture = texture_from(gl_context, image, "rgba32f")
         depth_m = texture_from(gl_context, depth, "r32f")
         base(texture, depth_m, 1.0)
-        found = [read_back(level) for level in lows(texture, depth_m, 1.0)]
+        lows.tell(z_near_m=1.0)
+        found = [read_back(level) for level in lows(texture, depth_m)]
         for thing in (base, lows, texture, depth_m):
             thing.release()
         return found
@@ -99,7 +100,8 @@ def test_depth_is_looked_at_where_a_low_band_may_mix_it_and_hardly_elsewhere(gl_
     texture = texture_from(gl_context, image, "rgba32f")
     depth_m = texture_from(gl_context, depth, "r32f")
     base(texture, depth_m, 1.0)
-    lows(texture, depth_m, 1.0)
+    lows.tell(z_near_m=1.0)
+    lows(texture, depth_m)
 
     rows, columns = -(-size[0] // 8), -(-size[1] // 8)
     found = np.zeros((2, rows, columns), int)
