@@ -5,12 +5,14 @@ import pytest
 from command_line import result_of
 
 from pipeline.errors import InputError
+from pipeline.foveation.conditions import foveate
 from pipeline.foveation.geometry import Flat, eccentricity_deg, pixel_centres
+from pipeline.foveation.two_rates import TwoRates, coarsened
 from pipeline.frame import SourceFrame
 from pipeline.pictures.colour_file import load_colour, save_colour
 from pipeline.pictures.decode import read_pixels
 from pipeline.pictures.warp_input import WarpInput, save_warp_input
-from stimuli.warp.upsampled import DOT, FRAMES, Eye, crops_of
+from stimuli.warp.upsampled import DOT, FRAMES, crops_of
 
 HEIGHT, WIDTH = 72, 96
 GAZE = (30.0, 40.0)
@@ -55,6 +57,24 @@ def test_the_true_view_is_shown_at_the_gaze_and_the_fill_beyond(given):
 
 
 @pytest.mark.usefixtures("gl_context")
+def test_the_periphery_is_shown_coarser_and_by_a_condition(given):
+    common = [given / "frame.exr", given / "out.png", "--truth", given / "truth.png", "-m", "telea"]
+    run(*common)
+    plain, truth = (load_colour(given / name) for name in ("out.png", "truth.png"))
+    options = ["--true-within", 4, "--gaze", "30,40", "--fov", 30, "--coarser", 2, "--seed", 3]
+    geometry = Flat(30.0).of(WIDTH, HEIGHT)
+    away = eccentricity_deg(geometry, GAZE, *pixel_centres(geometry))[..., None]
+    for condition in (None, "blur"):
+        run(*common, *options, *(["--condition", condition] if condition else []))
+        shown = load_colour(given / "out.png")
+        wanted = coarsened(plain, 2)
+        if condition:
+            wanted = foveate(wanted, GAZE, viewing=Flat(30.0), method=condition, seed=3)
+        assert np.array_equal(shown[away[..., 0] < 3.99], truth[away[..., 0] < 3.99])
+        assert np.abs(shown - wanted).max(where=away > 5.01, initial=0) < 1.01 / 255
+
+
+@pytest.mark.usefixtures("gl_context")
 def test_a_gaze_says_where_coherence_transport_works(given):
     """By hand: the gaze's degrees, of a picture 30 degrees wide."""
     out = {}
@@ -84,13 +104,13 @@ def test_crops_lie_at_the_gaze_and_where_the_periphery_differs_most(rng):
     other = one.copy()
     other[60:72, 90:105] ^= 128  # far from the gaze
     other[20:35, 20:40] = 255 - other[20:35, 20:40]  # near it: not looked for
-    eye = Eye(Flat(40.0).of(120, 90), (30.0, 27.0), 6)
-    fovea, first, _ = crops_of([one, other], eye.share()[..., 0] == 0, eye.gaze_px)
+    away = TwoRates(Flat(40.0).of(120, 90), (30.0, 27.0), 6).share[..., 0] == 0
+    fovea, first, _ = crops_of([one, other], away, (30.0, 27.0))
 
     assert (fovea.x + fovea.width / 2, fovea.y + fovea.height / 2) == pytest.approx((30, 27), abs=1)
     assert first.x <= 90 <= first.x + first.width
     assert first.y <= 60 <= first.y + first.height
-    corner, *_ = crops_of([one, other], eye.share()[..., 0] == 0, (0.0, 0.0))
+    corner, *_ = crops_of([one, other], away, (0.0, 0.0))
     assert (corner.x, corner.y) == (0, 0)
 
 
@@ -98,6 +118,11 @@ def test_crops_lie_at_the_gaze_and_where_the_periphery_differs_most(rng):
     ("options", "said"),
     [
         (["--true-within", "5"], "--true-within needs the true view: give --truth"),
+        (["--coarser", "2"], "--coarser and --condition say what lies around the true view"),
+        (
+            ["--truth", "TRUTH", "--true-within", "5", "--condition", "blurr"],
+            "did you mean 'blur'?",
+        ),
         (["--gaze", "3,4"], "--gaze says where the true view is shown, or where coherence"),
         (
             ["-m", "coherence-transport", "--set", "fovea_deg=5", "--set", "gaze_x_deg=1"],
@@ -117,6 +142,6 @@ def test_what_contradicts_itself_is_refused_before_any_work(given, options, said
     assert not (given / "out.png").exists()
 
 
-def test_an_eye_needs_a_gaze_on_the_picture():
+def test_a_true_view_needs_a_gaze_on_the_picture():
     with pytest.raises(InputError, match=r"got 100, 5"):
-        Eye(Flat(40.0).of(100, 80), (100.0, 5.0), 5)
+        TwoRates(Flat(40.0).of(100, 80), (100.0, 5.0), 5)

@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from protocols.blocks import Block, TableBlock
 from protocols.disk.hashing import Json
@@ -409,6 +409,17 @@ class TrueView(Model):
     """Position of the target, below the clip's centre."""
 
 
+class Periphery(Model):
+    """Show the method's frame coarser around the true view, or changed for the gaze."""
+
+    coarser: Annotated[int, Field(ge=1, le=64)] = 1
+    """Edge of the blocks of pixels whose means are shown, interpolated."""
+    condition: Name = "reference"
+    """Condition of `metamerlab foveate --list`, for an eye that looks at the target."""
+    parameters: Parameters = Field(default_factory=dict)
+    """Parameters of the condition. Others keep their defaults."""
+
+
 class Clips(ExtendedModel):
     """Settings of every clip.
 
@@ -443,13 +454,43 @@ class Clips(ExtendedModel):
     """Write a small video per clip."""
     true_view: TrueView | None = None
     """The true view around the fixation target. Default: the method's frame everywhere."""
+    periphery: Periphery | None = None
+    """Look of the method's frame around the true view. Default: as the method made it."""
 
     @property
     def frames(self) -> int:
         """Frames in one clip."""
         return round(self.duration_s * self.fps)
 
-    added_later: ClassVar[tuple[str, ...]] = ("width_px", "height_px", "true_view")
+    added_later: ClassVar[tuple[str, ...]] = ("width_px", "height_px", "true_view", "periphery")
+
+    @field_validator("periphery")
+    @classmethod
+    def _none_if_nothing_changes(cls, given: Periphery | None) -> Periphery | None:
+        return None if given == Periphery() else given
+
+    @model_validator(mode="after")
+    def _around_a_true_view(self) -> Clips:
+        if self.periphery is not None and self.true_view is None:
+            raise ValueError(
+                "periphery needs true_view, around which it lies (got none); add true_view ="
+                " { within_deg = 5 }, or leave periphery out"
+            )
+        return self
+
+    def around_dot(self) -> dict[str, str]:
+        """Return the looks of the true view and the periphery, for readers and manifests."""
+        found = {}
+        if (view := self.true_view) is not None:
+            found["true_view"] = (
+                f"within {view.within_deg:g} deg of ({view.x_deg:g}, {view.y_deg:g}) deg"
+            )
+        if (around := self.periphery) is not None:
+            given = "".join(f", {key} {value}" for key, value in around.parameters.items())
+            found["periphery"] = f"in blocks of {around.coarser} px" + (
+                f", as {around.condition}{given}" * (around.condition != "reference")
+            )
+        return found
 
     @model_validator(mode="after")
     def _one_size(self) -> Clips:
@@ -587,6 +628,10 @@ class WarpedClips(Recipe):
             f"Clips of {clips.duration_s:g} s at {clips.fps:g} frames per second,"
             f" {self._angles(display)} ({width} x {height} px, never rescaled) on {display.name}:"
             f" {display.description or 'no description'}.",
+            *(
+                f"{key} {said}.".replace("_", " ").capitalize()
+                for key, said in clips.around_dot().items()
+            ),
             "Scenes: " + ", ".join(labelled(name, labels[name]) for name in scenes) + ".",
             "Sizes: " + "; ".join(sizes) + ".",
             TableBlock.of(
@@ -659,7 +704,7 @@ class WarpedClips(Recipe):
             found["method"] = method.registry_name
         for key, value in method.parameters.items():
             found[f"method.{key}"] = tuple(value) if isinstance(value, list) else value
-        return super().stated(stimulus) | found
+        return super().stated(stimulus) | found | self.clips.around_dot()
 
     def scene(self, name: str) -> Scene:
         """Return the scene called `name`."""

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pipeline.foveation.geometry import Flat
+from pipeline.foveation.geometry import Flat, FlatGeometry
 from pipeline.methods.registry import check_method_name, method_files, method_parameters
 from protocols.disk.hashing import Json, sha256_file, sha256_json
 from protocols.display import Display
@@ -63,6 +63,11 @@ class BuildPlan:
         of_display = self.display.distance_mm / self.display.pitch_x_mm
         return of_display * self.render_px[0] / self.shown_px[0]
 
+    @property
+    def eye(self) -> FlatGeometry:
+        """Frames as they are made, before the eye."""
+        return Flat(distance_px=self.distance_px).of(*self.render_px)
+
     def scene(self, clip: ClipName) -> Scene:
         """The scene of a clip."""
         return self.study.warped.scene(clip.scene)
@@ -93,8 +98,7 @@ class BuildPlan:
         given = self.method(clip).parameters
         found = method_parameters(self.registry_name(clip)) | given
         if found.get("fovea_deg") and "width_deg" in found.keys() - given:
-            eye = Flat(distance_px=self.distance_px).of(*self.render_px)
-            found["width_deg"] = width_deg(eye)
+            found["width_deg"] = width_deg(self.eye)
         return found
 
     def survey_key(self, clip: ClipName) -> str:
@@ -131,6 +135,9 @@ class BuildPlan:
         }
         if clips.true_view is not None:
             inputs["true_view"] = [clips.true_view.model_dump(), self.distance_px]
+        if clips.periphery is not None:
+            sources = source_sha256("pipeline.foveation.conditions", "pipeline.foveation.energy")
+            inputs["periphery"] = [clips.periphery.model_dump(mode="json"), sources]
         return cache_key(inputs)
 
     def _method_inputs(self, clip: ClipName) -> Json:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.errors import InputError
-from pipeline.foveation.geometry import Flat, share_around
+from pipeline.foveation.two_rates import TwoRates
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.methods.method import CleanPlate, Method, PlateMethod, TexturePlate
@@ -31,7 +31,7 @@ from pipeline.methods.registry import create_method
 from pipeline.pictures.colour_file import save_colour
 from protocols.disk.hashing import sha256_bytes
 from protocols.disk.whole_file import write_whole
-from protocols.recipes.warped_clips import ClipName, TrueView
+from protocols.recipes.warped_clips import ClipName, Periphery
 from stimuli.batch.batch_folder import SURVEY_NAME
 from stimuli.batch.build_plan import BuildPlan
 from stimuli.batch.footage import CameraShot, Footage
@@ -115,30 +115,6 @@ def _checked(plate: CleanPlate | TexturePlate) -> CleanPlate | TexturePlate:
             f" {type(plate).__name__}{has}); mend the method that makes it{cure if old else ''}"
         )
     return plate
-
-
-def true_share(size_px: tuple[int, int], distance_px: float, view: TrueView) -> NDArray[np.float32]:
-    """Return the true view's share of each pixel: (H, W, 1), 1 within, 0 beyond the fade.
-
-    Parameters
-    ----------
-    size_px : (width, height)
-        Of the clip, which is centred before the eye.
-    distance_px : float
-        Of the eye, in pixels of the clip.
-    """
-    geometry = Flat(distance_px=distance_px).of(*size_px)
-    return share_around(geometry, geometry.place_px(view.x_deg, view.y_deg), view.within_deg)[
-        ..., None
-    ]
-
-
-def with_true_view(
-    made: NDArray[np.float32], truth: NDArray[np.float32], share: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Mix a frame with the true one; where the share is 0 or 1, bit for bit one of them."""
-    mixed = made + share * (truth - made)
-    return np.where(share == 1, truth, np.where(share == 0, made, mixed))
 
 
 ENCODERS = 2
@@ -281,27 +257,36 @@ def _frames(
         return
     shot = shot_of(plan, clip, survey.extent_m)
     footage = Footage(ctx, scenery, shot, margin_px=survey.margin_px)
-    method, fills = None, None
+    method, fills, rates = None, None, None
     try:
         if not plan.method(clip).is_reference:
             given = plan.parameters(clip)
             method = create_method(plan.registry_name(clip), ctx, given)
             fills = Fills(method, footage, plan.study.warped.clips.seed)
-        view = plan.study.warped.clips.true_view
-        share = None if view is None else true_share(plan.render_px, plan.distance_px, view)
+            rates = _two_rates(ctx, plan)
         for frame in wanted:
             colour = footage.truth(frame) if fills is None else fills.frame(frame)
-            if fills is not None and share is not None:
-                colour = with_true_view(colour, footage.truth(frame), share)
+            if rates is not None:
+                colour = rates.shown(colour, footage.truth(frame), frame)
             yield frame, _rescaled(colour, plan)
     except InputError as error:
         raise InputError(f"{clip}: {error}") from error
     finally:
-        if fills is not None:
-            fills.release()
-        if method is not None:
-            method.release()
-        footage.release()
+        for held in (rates, fills, method, footage):
+            if held is not None:
+                held.release()
+
+
+def _two_rates(ctx: moderngl.Context | None, plan: BuildPlan) -> TwoRates | None:
+    clips = plan.study.warped.clips
+    if (view := clips.true_view) is None:
+        return None
+    around = clips.periphery or Periphery()
+    return TwoRates(
+        plan.eye, plan.eye.place_px(view.x_deg, view.y_deg), view.within_deg,
+        coarser=around.coarser, condition=around.condition, parameters=around.parameters,
+        seed=clips.seed, ctx=ctx,
+    )  # fmt: skip
 
 
 def shot_of(plan: BuildPlan, clip: ClipName, extent_m: float) -> CameraShot:

@@ -174,6 +174,14 @@ class WarpedDraft(ManifestDraft):
             parameters["depth_speckle"] = scene.depth_speckle
         if isinstance(scene, MeshScene) and (notes := self._notes(scene)):
             parameters["noted"] = notes
+        parameters |= clips.around_dot()
+        if clips.true_view is not None:
+            share = width / plan.render_px[0]
+            x_px, y_px = plan.eye.place_px(clips.true_view.x_deg, clips.true_view.y_deg)
+            parameters |= {
+                "gaze_x_px": x_px * share, "gaze_y_px": y_px * share,
+                "distance_px": plan.distance_px * share,
+            }  # fmt: skip
         for key, value in plan.parameters(name).items():
             if value is not None:
                 parameters[f"method.{key}"] = tuple(value) if isinstance(value, list) else value

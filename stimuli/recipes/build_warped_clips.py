@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from pipeline.errors import InputError
+from pipeline.foveation.conditions import create_condition
 from pipeline.methods.registry import check_method, check_method_name
 from protocols.errors import Problem, StudyError
 from protocols.recipes.warped_clips import BuiltinScene, ClipName, FillMethod
@@ -47,6 +48,12 @@ class WarpedClipBuilder(Builder):
                     break  # a file of the method's, which has a check of its own
                 yield Problem(f"{place}.parameters.{key}", said)
                 del left[key]
+        around = recipe.clips.periphery
+        if around is not None:
+            try:
+                create_condition(around.condition, around.parameters)
+            except InputError as error:
+                yield Problem("stimuli.clips.periphery", str(error))
         for index, scene in enumerate(recipe.scenes):
             if isinstance(scene, BuiltinScene):
                 try:

@@ -7,18 +7,16 @@ older ones. The sheet shows what such a display would show, by each method.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from pipeline.errors import InputError
-from pipeline.foveation.geometry import FlatGeometry, share_around
+from pipeline.foveation.two_rates import AS_IT_IS, TwoRates
 from pipeline.frame import WarpedFrame
 from pipeline.pictures import drawing
 from pipeline.pictures.drawing import Crop, auto_crops, mean_difference
-from stimuli.batch.clip import with_true_view
 from stimuli.warp.one_frame import FillResult, quality_words
 
 CROPS = 3
@@ -31,62 +29,20 @@ FRAMES = ((255, 220, 0), (0, 200, 255), (255, 90, 200))
 """Colours of the crop of the fovea, then of the periphery's."""
 
 
-@dataclass(frozen=True, eq=False)
-class Eye:
-    """Gaze of a viewer, and the radius around it in which the true view is shown.
-
-    Parameters
-    ----------
-    geometry : FlatGeometry
-        Of the picture.
-    gaze_px : (x, y)
-        On the picture.
-    within_deg : float
-        Above 0; over the next degree the true view gives way.
-
-    Raises
-    ------
-    InputError
-        If the gaze lies off the picture or the radius is not positive.
-    """
-
-    geometry: FlatGeometry
-    gaze_px: tuple[float, float]
-    within_deg: float
-
-    def __post_init__(self) -> None:
-        (x, y), width, height = self.gaze_px, self.geometry.width_px, self.geometry.height_px
-        if not (0 <= x < width and 0 <= y < height):
-            raise InputError(
-                f"the gaze must lie on the picture to show the true view around it: x from 0 to"
-                f" {width}, y from 0 to {height} px (got {x:g}, {y:g})"
-            )
-        if not 0 < self.within_deg < 90:
-            raise InputError(
-                "the radius of the true view must lie between 0 and 90 degrees"
-                f" (got {self.within_deg:g})"
-            )
-
-    def share(self) -> NDArray[np.float32]:
-        """Share of the true view in each pixel, (H, W, 1)."""
-        return share_around(self.geometry, self.gaze_px, self.within_deg)[..., None]
-
-
-def periphery(eye: Eye) -> NDArray[np.bool_]:
+def periphery(rates: TwoRates) -> NDArray[np.bool_]:
     """True where nothing of the true view is mixed in, (H, W)."""
-    return np.asarray(eye.share()[..., 0] == 0)
+    return np.asarray(rates.share[..., 0] == 0)
 
 
 def upsampled(
-    fills: Sequence[FillResult], truth: NDArray[np.float32], eye: Eye
+    fills: Sequence[FillResult], truth: NDArray[np.float32], rates: TwoRates
 ) -> list[FillResult]:
-    """Put the true view around the gaze into every fill; elsewhere a fill keeps its bits."""
-    share = eye.share()
-    return [replace(one, colour=with_true_view(one.colour, truth, share)) for one in fills]
+    """Put the true view around the gaze into every fill, and show the rest as `rates` says."""
+    return [replace(one, colour=rates.shown(one.colour, truth)) for one in fills]
 
 
 def upsampled_sheet(
-    warped: WarpedFrame, fills: Sequence[FillResult], truth: NDArray[np.float32], eye: Eye
+    warped: WarpedFrame, fills: Sequence[FillResult], truth: NDArray[np.float32], rates: TwoRates
 ) -> drawing.Picture:
     """Lay out what a foveated display shows by each method, beside the true view.
 
@@ -99,16 +55,18 @@ def upsampled_sheet(
         As `upsampled` returns them.
     """
     shown = [drawing.of_colour(truth), *(drawing.of_colour(one.colour) for one in fills)]
-    crops = crops_of(shown, periphery(eye), eye.gaze_px)
-    share = eye.share()
+    crops = crops_of(shown, periphery(rates), rates.gaze_px)
+    share = rates.share
     holes = drawing.of_holes(warped.colour, warped.hole & (share[..., 0] < 1))
     setup = np.where(share == 1, shown[0], holes).astype(np.uint8)
+    looks = f", {rates.coarser} x coarser" * (rates.coarser > 1)
+    looks += f", {rates.condition}" * (rates.condition != AS_IT_IS)
     labels = [
-        f"true view within {eye.within_deg:g} degrees; around it warped, holes marked",
+        f"true view within {rates.within_deg:g} degrees; around it warped, holes marked",
         "true view",
-        *(one.choice.label + quality_words(one) for one in fills),
+        *(one.choice.label + looks + quality_words(one) for one in fills),
     ]
-    tiles = [_tile(one, crops, eye.gaze_px) for one in [setup, *shown]]
+    tiles = [_tile(one, crops, rates.gaze_px) for one in [setup, *shown]]
     return drawing.sheet(list(zip(labels, tiles, strict=True)), columns=2)
 
 

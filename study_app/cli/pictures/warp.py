@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,11 +33,11 @@ from study_app.cli.pictures.warp_options import (
 from study_app.cli.terminal import PlainConsole, say, table_of
 
 if TYPE_CHECKING:
+    from pipeline.foveation.two_rates import TwoRates
     from pipeline.frame import WarpedFrame
     from pipeline.named_classes import Choice
     from pipeline.quality import Quality
     from stimuli.warp.one_frame import FillResult
-    from stimuli.warp.upsampled import Eye
     from study_app.cli.pictures.warp_source import LoadedSource
 
 DEFAULT_METHOD = "metameric"
@@ -88,7 +90,7 @@ def warp(
         metamerlab warp motorcycle --compare sheet.png
 
         metamerlab warp motorcycle --true-within 5 --gaze 300,250 -m metameric -m push-pull
-        --compare sheet.png
+        --coarser 2 --compare sheet.png
 
         metamerlab warp left.png out.png --disparity disp.png --units-per-px 4
 
@@ -132,7 +134,7 @@ def _run(
     seed: int,
     out: Path,
     looks: WarpFigureOptions,
-    eye: Eye | None,
+    seen: Callable[..., TwoRates] | None,
 ) -> None:
     from pipeline.gl.context import describe
     from pipeline.pictures import drawing
@@ -148,23 +150,25 @@ def _run(
     with renderer(console, False) as ctx:
         if ctx is not None:
             console.print(f"renderer: {describe(ctx)}")
+        rates = None if seen is None else seen(seed=seed, ctx=ctx)
         with console.status("warping and filling ..."):
             warped, fills = warp_and_fill(
                 ctx, frame, choices, seed=seed, settings=settings, truth=truth,
-                truth_mask=None if eye is None else periphery(eye), hole=loaded.hole,
+                truth_mask=None if rates is None else periphery(rates), hole=loaded.hole,
             )  # fmt: skip
+        plain = fills
+        if rates is not None and truth is not None:
+            fills = upsampled(fills, truth, rates)
+            rates.release()
     mended = len(mends(frame.source)[0]) if settings.depth_speckle else 0
-    _print_results(console, warped, fills, settings.rim_px, mended, eye)
-    plain = fills
-    if eye is not None and truth is not None:
-        fills = upsampled(fills, truth, eye)
+    _print_results(console, warped, plain, settings.rim_px, mended, rates is not None)
     out.parent.mkdir(parents=True, exist_ok=True)
     save_colour(out, fills[0].colour)
     console.print(f"wrote {out} ({fills[0].choice.label})")
     if compare is not None:
         compare.parent.mkdir(parents=True, exist_ok=True)
-        if eye is not None and truth is not None:
-            sheet = upsampled_sheet(warped, fills, truth, eye)
+        if rates is not None and truth is not None:
+            sheet = upsampled_sheet(warped, fills, truth, rates)
         else:
             sheet = comparison(warped, fills, truth)
         drawing.save_picture(compare, sheet)
@@ -191,12 +195,16 @@ def _choices(methods: list[str] | None, settings: list[str] | None, compare: boo
 
 def _look(
     choices: list[Choice], loaded: LoadedSource, eye: EyeOptions
-) -> tuple[list[Choice], Eye | None]:
+) -> tuple[list[Choice], Callable[..., TwoRates] | None]:
     """Tell the methods that fill by eccentricity where somebody looks, and the true view."""
     from pipeline.foveation.geometry import FlatGeometry
+    from pipeline.foveation.two_rates import TwoRates
     from stimuli.media.gaze_and_display import StatedViewing, gaze_words, read_gaze, width_deg
-    from stimuli.warp.upsampled import Eye
 
+    if eye.true_within is None and (eye.coarser, eye.condition) != (1, "reference"):
+        raise StudyError(
+            "--coarser and --condition say what lies around the true view: give --true-within DEG"
+        )
     by_gaze = any(choice.parameters.get("fovea_deg") for choice in choices)
     if eye.true_within is None and not by_gaze:
         for name, given in (("--gaze", eye.gaze), ("--display", eye.display), ("--fov", eye.fov)):
@@ -226,12 +234,16 @@ def _look(
                 f"--gaze, --display and --fov say {twice[0]}: use them, and leave it out of --set"
             )
         choices = [replace(one, parameters={**one.parameters, **told}) for one in choices]
-    return choices, None if eye.true_within is None else Eye(geometry, gaze_px, eye.true_within)
+    if eye.true_within is None:
+        return choices, None
+    return choices, partial(
+        TwoRates, geometry, gaze_px, eye.true_within, coarser=eye.coarser, condition=eye.condition
+    )
 
 
 def _print_results(
     console: Console, warped: WarpedFrame, fills: list[FillResult], rim_px: int, mended: int,
-    eye: Eye | None,
+    outside: bool,
 ) -> None:  # fmt: skip
     height, width = warped.size
     holes = f"holes {100 * warped.hole.mean():.2f} % of the frame"
@@ -241,7 +253,7 @@ def _print_results(
         holes += f"; depth mended: {mended} px"
     console.print(f"{width} x {height} px, {holes}")
     every = [(fill.choice, fill.quality_all) for fill in fills]
-    if eye is not None:
+    if outside:
         _print_quality(console, "inside holes where nothing of the true view is shown", every)
         return
     _print_quality(console, "inside the holes that do not touch the border",

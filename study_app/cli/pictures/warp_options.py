@@ -159,6 +159,10 @@ class EyeOptions:
     true_within: Annotated[float | None, typer.Option(metavar="DEG")] = None
     """Show the true view this far around the gaze, as a foveated display does whose periphery is
     filled up by warping. Fills are measured outside."""
+    coarser: Annotated[int, typer.Option(min=1, max=64, metavar="PX")] = 1
+    """Average what lies around the true view to blocks of so many pixels an edge."""
+    condition: Annotated[str, typer.Option(metavar="NAME")] = "reference"
+    """Show it by this condition of 'metamerlab foveate --list'."""
     gaze: GazeOption = None
     display: ShownOption = None
     fov: FovOption = None
