@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.features.reference import analyse
-from pipeline.foveation.geometry import Flat, Geometry, eccentricity_deg, pixel_centres
+from pipeline.foveation.geometry import Geometry, eccentricity_deg, pixel_centres
 from stimuli.score.measured import PairScores, RatioCurve
 from stimuli.score.metrics import FRAME
 from stimuli.score.pair import Image, ScoredPair
@@ -36,10 +36,7 @@ LEAST_DEVIATION = 0.5 / 255
 
 def measure(pair: ScoredPair, viewing: ViewingConditions, gaze: ViewerGaze) -> PairScores:
     """Measure a clip or picture with its gaze, frame by frame."""
-    geometry = Flat(distance_px=viewing.distance_m / viewing.pitch_m).of(
-        pair.width_px, pair.height_px
-    )
-    rings = RingEnergies(geometry)
+    rings = RingEnergies(viewing.before(pair.width_px, pair.height_px))
     for index, test, truth, _ in pair.walk():
         rings.add(test, truth, gaze.at(index, pair.width_px, pair.height_px))
     curves = rings.curves()

@@ -117,7 +117,7 @@ def seen_wide(width_px: int, height_px: int, fov_deg: float) -> ViewingCondition
     plain = standard_fhd()
     width_m = 2 * plain.distance_m * math.tan(math.radians(fov_deg / 2))
     return ViewingConditions(
-        f"{fov_deg:g} degrees wide", width_px, height_px, width_m,
+        f"{fov_deg:.4g} degrees wide", width_px, height_px, width_m,
         width_m * height_px / width_px, plain.distance_m,
         plain.peak_cd_m2, plain.contrast, plain.ambient_lux, plain.gamma,
     )  # fmt: skip
@@ -202,7 +202,15 @@ def subjects_of_panoramas(
 
 def is_foveated(manifest: Manifest) -> bool:
     """True if a batch was made by the recipe `foveated-images`."""
-    return not manifest.simulated and all("gaze_x_px" in c.parameters for c in manifest.clips)
+    return not manifest.simulated and all(
+        "gaze_x_px" in clip.parameters and clip.hole_share is None for clip in manifest.clips
+    )
+
+
+def made_for(manifest: Manifest) -> tuple[ViewerGaze, ViewingConditions] | None:
+    """Return the dot of warped clips with a true view, and their distance; None: without one."""
+    clip = next((clip for clip in manifest.clips if "gaze_x_px" in clip.parameters), None)
+    return None if clip is None else (ViewerGaze((_gaze_of(clip),)), _viewing_of(clip))
 
 
 def subjects_of_stills(
@@ -247,9 +255,6 @@ def subjects_of_stills(
             f"{folder}: stills must have a reference to be scored against; add a method"
             " 'reference' to the protocol and build again"
         )
-    first = there[0]
-    half = first.width_px / 2 / float(str(first.parameters["distance_px"]))
-    viewing = seen_wide(first.width_px, first.height_px, 2 * math.degrees(math.atan(half)))
     origin = {
         "folder": folder.name,
         "study": manifest.study,
@@ -257,12 +262,18 @@ def subjects_of_stills(
         "stills made by": manifest.revision,
         "manifest": manifest.sha256,
     }
-    return Subjects(tuple(items), origin, tuple(sorted(without))), ViewerGaze((chosen,)), viewing
+    subjects = Subjects(tuple(items), origin, tuple(sorted(without)))
+    return subjects, ViewerGaze((chosen,)), _viewing_of(there[0])
 
 
 def _gaze_of(clip: Clip) -> tuple[float, float]:
     x, y = (float(str(clip.parameters[f"gaze_{axis}_px"])) for axis in "xy")
     return x, y
+
+
+def _viewing_of(clip: Clip) -> ViewingConditions:
+    half = clip.width_px / 2 / float(str(clip.parameters["distance_px"]))
+    return seen_wide(clip.width_px, clip.height_px, 2 * math.degrees(math.atan(half)))
 
 
 def _rest(clip: Clip) -> tuple[tuple[str, str], ...]:

@@ -25,7 +25,7 @@ from stimuli.batch.executors import local_processes
 from stimuli.score.available import MissingMetrics, family_versions, split_available
 from stimuli.score.batch import Subject, Subjects, check_subjects, usable_regions
 from stimuli.score.measured import PairScores, RatioCurve
-from stimuli.score.metrics import FAMILIES, Family, Metric
+from stimuli.score.metrics import FAMILIES, RINGS, Family, Metric
 from stimuli.score.pair import ScoredPair
 from stimuli.score.viewing_conditions import ViewerGaze, ViewingConditions
 
@@ -110,7 +110,7 @@ class Cache:
 Report = Callable[[int, int, str], None]
 """Called with measurements done, measurements in all, and what is going on."""
 
-TOGETHER = ("pixels", "statistics", "band-ratios", "flip")
+TOGETHER = ("pixels", "statistics", "band-ratios", "flicker-rings", "flip")
 """Families that may share a process; each of the others needs processes of its own."""
 
 
@@ -155,6 +155,12 @@ class ScoreResults:
     def value(self, subject: Subject, metric: Metric, region: str) -> float | None:
         """Return one number, None where there is none."""
         return self.values.get((subject.name, metric.name, region))
+
+    def places(self, subject: Subject, metric: Metric) -> tuple[str, ...]:
+        """Return the regions of one clip that a metric has numbers of, then rings."""
+        regions = [region for region in metric.regions if region in subject.pair.regions]
+        rings = (ring for ring in RINGS if (subject.name, metric.name, ring) in self.values)
+        return *regions, *rings
 
     def values_of(self, method: str, metric: Metric, region: str) -> list[float | None]:
         """Return a number of each clip of a method."""

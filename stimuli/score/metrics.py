@@ -16,6 +16,9 @@ from protocols.plugins import registered
 
 HOLES, FRAME = "holes", "frame"
 REGIONS = (HOLES, FRAME)
+RING_DEG = 5
+RINGS = tuple(f"{first} to {first + RING_DEG} deg" for first in range(0, 180, RING_DEG))
+"""Rings around the gaze, of which a metric may have numbers beside that of the frame."""
 """`holes`: all other pixels are set to the reference ([MI] 4); `frame`: everything counts."""
 
 Better: TypeAlias = Literal["higher", "lower", "one"]
@@ -102,6 +105,7 @@ FAMILIES = {
         Family("pixels", "stimuli.score.pixels"),
         Family("statistics", "stimuli.score.statistics", uses_gaze=True),
         Family("band-ratios", "stimuli.score.band_ratios", uses_gaze=True, uses_display=True),
+        Family("flicker-rings", "stimuli.score.flicker_rings", uses_gaze=True, uses_display=True),
         Family(
             "flip",
             "stimuli.score.flip",
@@ -154,6 +158,11 @@ METRICS = {
             " to frame, where both frames are holes", OURS, regions=(HOLES,), over_time=True,
         ),
         Metric(
+            "flicker-rings", "flicker by eccentricity", "/255", "lower", 0.0, "flicker-rings", 1, 2,
+            "the same difference over the frame, in rings of 5 degrees around the gaze; mean of the"
+            " rings", OURS, regions=(FRAME,), over_time=True, needs_gaze=True,
+        ),
+        Metric(
             "statistics", "statistics distance", "", "lower", 0.0, "statistics", 32, 3,
             "distance of pooled moments of steerable bands, pools growing from the gaze", OURS,
         ),
@@ -195,6 +204,7 @@ BLIND = {
     "ssim": "Where the eye looks, and what it pools: structure is compared pixel by pixel.",
     "hf-ratio": "Where detail lies and what it looks like: only how much there is.",
     "flicker": "Single frames: it sees change over time alone.",
+    "flicker-rings": "Single frames, and how well flicker of what speed is seen in a ring.",
     "statistics": "Where things lie within a pool, edges that turn into texture, and dependences"
     " between bands: a noise metamer and a true texture can be equal to it.",
     "band-ratio": "Structure, phase and colour: noise of the right spectrum scores 1. Too much in"

@@ -28,6 +28,7 @@ from stimuli.score import plots
 from stimuli.score.available import metric_versions
 from stimuli.score.measure_clips import ScoreResults
 from stimuli.score.tables import (
+    BY_RING,
     PairedMethods,
     ScoreTable,
     all_duels,
@@ -217,7 +218,10 @@ def _rows(table: ScoreTable) -> Rows:
         cells = table.cells(values, Markup('<b class="best">{}</b>').format)
         rows.append([table.shown(scene), *cells])
     totals = len(rows) > 1 and table.rows[-1][0] == "mean"
-    heads = [("scene", "l"), *((head, "") for head in table.heads)]
+    heads = [
+        ("ring" if table.region == BY_RING else "scene", "l"),
+        *((head, "") for head in table.heads),
+    ]
     return Rows.of(table.title, heads, rows, totals=totals)
 
 

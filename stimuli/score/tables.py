@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from protocols.errors import StudyError, did_you_mean
 from protocols.outside import markdown, safe_cell
 from stimuli.score.measure_clips import ScoreResults
-from stimuli.score.metrics import FRAME, HOLES, Metric
+from stimuli.score.metrics import FRAME, HOLES, RINGS, Metric
 
 OURS, RIVAL = "metameric", "push-pull"
 RIVALS = (RIVAL, "push-pull-depth")
@@ -20,7 +20,9 @@ PAPERS = {
     ("fvvdp-1.0", HOLES): "Table 2",
     ("fvvdp", HOLES): "Table 2, current parameters",
 }
+BY_RING = "rings"
 REGION_TEXT = {
+    BY_RING: "in rings around the gaze, mean of the scenes",
     HOLES: "inside the disocclusions, all other pixels set to the reference",
     FRAME: "over the whole frame",
 }
@@ -154,6 +156,8 @@ def all_tables(results: ScoreResults) -> tuple[ScoreTable, ...]:
     tables = [
         _table(results, metric, region, size, methods) for metric, region in keys for size in sizes
     ]
+    tables += [_by_ring(results, metric, size, methods)
+               for metric in results.metrics for size in sizes]  # fmt: skip
     return tuple(
         table
         for table in tables
@@ -176,6 +180,19 @@ def _table(
         rows.append(("mean", tuple(_mean([values[k] for _, values in rows])
                                    for k in range(len(methods)))))  # fmt: skip
     return ScoreTable(metric, region, size, methods, tuple(rows), results.subjects.labels)
+
+
+def _by_ring(
+    results: ScoreResults, metric: Metric, size: str, methods: tuple[str, ...]
+) -> ScoreTable:
+    items = [item for item in results.subjects.items if item.size == size]
+    rows = tuple(
+        (ring, tuple(_mean([results.value(item, metric, ring) for item in items
+                            if item.method == method]) for method in methods))
+        for ring in RINGS
+        if any(results.value(item, metric, ring) is not None for item in items)
+    )  # fmt: skip
+    return ScoreTable(metric, BY_RING, size, methods, rows, results.subjects.labels)
 
 
 def _mean(column: list[float | None]) -> float | None:
@@ -232,7 +249,7 @@ def duels(
     """Compare two methods by every table that has both."""
     found = []
     for table in tables:
-        if method not in table.methods or against not in table.methods:
+        if table.region == BY_RING or not {method, against} <= set(table.methods):
             continue
         ours, theirs = table.methods.index(method), table.methods.index(against)
         pairs = [

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from pipeline.foveation.geometry import Flat, FlatGeometry
 from protocols.disk.hashing import Json
 from protocols.disk.whole_file import decoded_text, separator_of
 from protocols.errors import StudyError
@@ -48,6 +49,10 @@ class ViewingConditions:
     def px_per_deg(self) -> float:
         """Pixels per degree in the middle of the screen."""
         return 1.0 / (2 * math.degrees(math.atan(0.5 * self.pitch_m / self.distance_m)))
+
+    def before(self, width_px: int, height_px: int) -> FlatGeometry:
+        """Return pictures of a size in the middle of the display, before the eye."""
+        return Flat(distance_px=self.distance_m / self.pitch_m).of(width_px, height_px)
 
     @property
     def pitch_m(self) -> float:

@@ -43,7 +43,7 @@ def scores_csv(results: ScoreResults) -> str:
          _number(results.value(item, metric, region)), metric.unit, metric.better]
         for item in results.subjects.items
         for metric in results.metrics
-        for region in metric.regions if region in item.pair.regions
+        for region in results.places(item, metric)
     ]  # fmt: skip
     return _csv(("scene", "size", "method", "region", "metric", "value", "unit", "better"), rows)
 
@@ -103,8 +103,7 @@ def scores_json(results: ScoreResults) -> dict[str, Json]:
                 "scores": {
                     f"{metric.name} {region}": _json(results.value(item, metric, region))
                     for metric in results.metrics
-                    for region in metric.regions
-                    if region in item.pair.regions
+                    for region in results.places(item, metric)
                 },
                 "band_ratios": {
                     name: [[round(x, 3), round(y, 5)] for x, y in points]

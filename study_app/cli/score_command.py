@@ -38,7 +38,8 @@ class ScoreOptions:
     """standard_fhd (as in the paper), a display's name, or a .toml file."""
     gaze: Annotated[str | None, typer.Option(metavar="X,Y | FILE")] = None
     """Gaze of the viewer, in pixels of the clip; or a CSV file with columns x_px and y_px and a
-    line per frame. Left out: not foveated."""
+    line per frame. Left out: the dot of clips with a true view, at the distance they were made
+    for; else not foveated."""
     mask: Path | None = None
     """For two clips or pictures: where the holes are (white), a picture or a folder."""
     panorama: bool = False
@@ -168,12 +169,13 @@ def subjects_of(
     from stimuli.score.foveated import (
         METRICS_OF_FOVEATION,
         is_foveated,
+        made_for,
         subjects_of_panoramas,
         subjects_of_stills,
     )
     from stimuli.score.measure_clips import ScoreSettings
     from stimuli.score.metrics import choose_metrics
-    from stimuli.score.viewing_conditions import open_viewing, read_viewer_gaze
+    from stimuli.score.viewing_conditions import STANDARD_FHD, open_viewing, read_viewer_gaze
 
     second, mask, names = options.second, options.mask, options.metrics
     chosen = choose_metrics(None if names is None else [n.strip() for n in names.split(",")])
@@ -193,6 +195,9 @@ def subjects_of(
             settings = ScoreSettings(chosen, viewing, at)
         else:
             subjects = subjects_of_batch(first)
+            if options.gaze is None and (known := made_for(manifest)) is not None:
+                plain = options.display == STANDARD_FHD
+                settings = ScoreSettings(chosen, known[1] if plain else settings.viewing, known[0])
         subjects = replace(subjects, labels=_labels(options.protocol, manifest))
     else:
         if options.protocol is not None:
@@ -249,7 +254,7 @@ def _score(options: ScoreOptions, first: Path, views: Path | None) -> None:
 
 def _print_results(console: Console, results: ScoreResults, focus: str | None) -> None:
     from stimuli.score.metrics import FRAME, HOLES
-    from stimuli.score.tables import all_duels, all_tables, summary
+    from stimuli.score.tables import BY_RING, all_duels, all_tables, summary
 
     for region, title in ((HOLES, "in holes"), (FRAME, "whole frame")):
         heads, rows = summary(results, region)
@@ -257,7 +262,12 @@ def _print_results(console: Console, results: ScoreResults, focus: str | None) -
             continue
         lines = [(method, *cells) for method, cells in rows]
         console.print(table_of((f"mean, {title}", *heads), lines, right=1, box=None))
-    for duel in all_duels(all_tables(results), focus):
+    tables = all_tables(results)
+    for table in tables:
+        if table.region == BY_RING:
+            lines = [(ring, *map(table.text, values)) for ring, values in table.rows]
+            console.print(table_of((table.metric.name, *table.heads), lines, right=1, box=None))
+    for duel in all_duels(tables, focus):
         if duel.table.region == HOLES:
             console.print(f"{duel.sentence}.")
     for note in results.notes:

@@ -8,7 +8,9 @@ from scipy import ndimage
 
 from pipeline.colour import rgb_from_ycbcr, ycbcr_from_rgb
 from pipeline.features.reference import Pyramid, analyse, synthesise
+from pipeline.foveation.geometry import Flat, eccentricity_deg, pixel_centres
 from pipeline.quality import high_frequency_ratio, psnr_db, ssim
+from stimuli.score.foveated import seen_wide
 from stimuli.score.measure_clips import measure_job
 from stimuli.score.metrics import METRICS, PluginMetrics
 from stimuli.score.pair import read_colour
@@ -29,6 +31,29 @@ def test_identical_clips_are_perfect(pair, clips, family):
     assert values
     for (name, _), value in values.items():
         assert value == pytest.approx(METRICS[name].perfect, abs=1e-12), name
+
+
+def test_flicker_lies_in_the_ring_where_a_clip_changes_and_its_reference_does_not(pair, clips):
+    """By hand: a band that alternates by 10/255 covers a known share of one ring; all else is 0."""
+    viewing = seen_wide(64, 48, 30)  # corners 18 degrees from the middle
+    still = np.rint(255 * 0.5 * np.repeat(clips.truth[:1], 4, axis=0)).astype(np.float32) / 255
+    geometry = Flat(width_deg=30).of(64, 48)
+    away = eccentricity_deg(geometry, (20.0, 24.0), *pixel_centres(geometry))
+    restless = still.copy()
+    band = (away >= 11) & (away < 13)
+    restless[1::2, band] += np.float32(10 / 255)
+
+    gaze = ViewerGaze(((20.0, 24.0),))
+    values = measure_job("flicker-rings", pair(restless, truth=still), viewing, gaze).values
+    rings = {place: value for (_, place), value in values.items() if place != "frame"}
+    assert list(rings) == [f"{first} to {first + 5} deg" for first in (0, 5, 10, 15, 20)]
+    ring = (away >= 10) & (away < 15)
+    expected = 10 * band.sum() / ring.sum()
+    assert rings.pop("10 to 15 deg") == pytest.approx(expected, abs=1e-3)
+    assert set(rings.values()) == {0.0}
+    assert values["flicker-rings", "frame"] == pytest.approx(expected / 5, abs=1e-3)
+    moving = measure_job("flicker-rings", pair(clips.truth), viewing, gaze).values
+    assert set(moving.values()) == {0.0}  # the reference moves alike
 
 
 def test_a_picture_scores_what_pipeline_quality_says(pair, clips):
