@@ -79,6 +79,7 @@ class FoveationPass(PicturePass):
         super().__init__(ctx, size, self._eye, wraps=geometry.wraps)
         self.geometry = geometry
         self._source: moderngl.Texture | None = None
+        self._chosen: Call | None = None  # of the picture that is held
         self._ends: dict[str, moderngl.Texture] = {}  # for callers without textures
         self._reader: moderngl.Framebuffer | None = None  # of what is shown to them
         self.chains: list[MomentChainPass] = []  # what analyses pictures
@@ -113,7 +114,7 @@ class FoveationPass(PicturePass):
         """Analyse a picture, rgba32f or rgba8, which stays the caller's and must not change."""
         check_texture(source, "source", self.size, "rgba32f", "rgba8")
         self._analyse(source)
-        self._source = source
+        self._source, self._chosen = source, None
 
     def show(
         self,
@@ -141,7 +142,9 @@ class FoveationPass(PicturePass):
         if call.noise_shift_px is not None and not self.carries_noise:
             raise ValueError("these passes cannot carry noise along; numpy can")
         self._eye.set_gaze(call.gaze_px)
-        self._choose(self._source, call)
+        if call != self._chosen or call.noise_shift_px is not None:
+            self._choose(self._source, call)
+            self._chosen = call
         return self._source
 
     def __call__(

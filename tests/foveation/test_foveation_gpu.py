@@ -296,6 +296,10 @@ def test_a_picture_is_analysed_once_and_what_rests_is_not_displaced_again(gl_con
     }
     moved = dispatches_of(lambda: passes.show(target, (50.0, 60.0), field_gaze_px=(41.0, 40.0)))
     assert len(moved) > len(shown)
+    rested = dispatches_of(lambda: passes.show(target, (50.0, 60.0), field_gaze_px=(41.0, 40.0)))
+    assert rested == ["foveation/shaders/join.comp.glsl"]
+    passes.hold(source)
+    assert len(dispatches_of(lambda: passes.show(target, (50.0, 60.0), **rests))) > len(shown)
     for thing in (foveator, source, target):
         thing.release()
 
