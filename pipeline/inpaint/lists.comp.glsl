@@ -4,7 +4,7 @@
 
 #constant GROUP
 
-#include "lists.glsl"
+#include "group_lists.glsl"
 
 layout(local_size_x = GROUP) in;
 
@@ -54,17 +54,17 @@ void main() {
     // A work group sees one region only: their flags start at multiples of its size.
     Region region = regions[region_of_group[gl_WorkGroupID.x]];
     uint place = gl_GlobalInvocationID.x - region.first;
-    if (place >= region.tiles) return;
     ivec2 tile = ivec2(place % region.columns, place / region.columns);
-    bool found = near_a_hole(region, tile);
-    active_tiles[gl_GlobalInvocationID.x] = uint(found);
-    if (found) {
-        if (region.own_per_group > 0u) {
-            add(region.own_list, region.own_first, entry_of(tile, int(region.own_chain)),
-                region.own_per_group);
-        }
-        for (int chain = region.first_chain; chain < region.end_chain; ++chain) {
-            add(region.chains_list, region.chains_first, entry_of(tile, chain), 1u);
-        }
+    bool is_there = place < region.tiles, found = is_there && near_a_hole(region, tile);
+    if (is_there) active_tiles[gl_GlobalInvocationID.x] = uint(found);
+    if (region.own_per_group > 0u) {
+        uint slot = places_of_group(uint(found), region.own_list, region.own_per_group);
+        if (found) entries[region.own_first + slot] = entry_of(tile, int(region.own_chain));
+    }
+    int chains = region.end_chain - region.first_chain;
+    if (chains > 0) {
+        uint slot = places_of_group(found ? uint(chains) : 0u, region.chains_list, 1u);
+        for (int k = 0; found && k < chains; ++k)
+            entries[region.chains_first + slot + uint(k)] = entry_of(tile, region.first_chain + k);
     }
 }

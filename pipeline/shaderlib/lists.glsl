@@ -27,12 +27,12 @@ uint entries_in(uint list) { return counts[4u * list + 3u]; }
 // are faster.
 uint places_for(uint some, uint list, uint per_group) {
     uint slot = atomicAdd(counts[4u * list + 3u], some);
-    uint group = (slot + per_group - 1u) / per_group;  // the next to begin
-    bool begins = group * per_group < slot + some;
-    bool in_first_row = group < MOST_GROUPS;
-    if (begins && (in_first_row || group % MOST_GROUPS == 0u)) {
-        atomicAdd(counts[4u * list + (in_first_row ? 0u : 1u)], 1u);
-    }
+    uint group = (slot + per_group - 1u) / per_group;                // the next to begin,
+    uint end = max(group, (slot + some + per_group - 1u) / per_group);  // and what it will be
+    uint columns = min(end, MOST_GROUPS) - min(group, MOST_GROUPS);
+    uint rows = (max(end, 1u) - 1u) / MOST_GROUPS - (max(group, 1u) - 1u) / MOST_GROUPS;
+    if (columns > 0u) atomicAdd(counts[4u * list], columns);
+    if (rows > 0u) atomicAdd(counts[4u * list + 1u], rows);
     return slot;
 }
 
