@@ -7,6 +7,7 @@ from typing import Protocol, TypeVar
 import moderngl
 
 from pipeline.gl.compute import Resource, Shader, Tapes, Texture
+from pipeline.gl.context import describe
 from pipeline.gl.shader import Constant
 from pipeline.gl.texture import create_texture, create_texture_array, texture_bytes
 
@@ -30,13 +31,14 @@ class Pass:
     ----------
     constants : mapping, optional
         Constants that each shader takes where it declares them: often all names of its twin.
+        SOFTWARE, 1 where a processor draws, is there always (see docs/precision.md).
     """
 
     def __init__(
         self, ctx: moderngl.Context, constants: Mapping[str, Constant] | None = None
     ) -> None:
         self._ctx = ctx
-        self._constants = constants
+        self._constants = {"SOFTWARE": describe(ctx).software, **(constants or {})}
         self._shaders: list[Shader] = []
         self._textures: list[Texture] = []
         self._buffers: list[moderngl.Buffer] = []

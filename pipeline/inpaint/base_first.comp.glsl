@@ -8,7 +8,7 @@
 #constant RESOLUTIONS  // how many resolutions of cells there are
 
 #include "guided.glsl"
-#include "lists.glsl"
+#include "group_lists.glsl"
 
 // A row of blocks: rows are read on and on (8x8 of them take half as long again).
 layout(local_size_x = LIST_GROUP) in;
@@ -71,15 +71,15 @@ Texel half_texel(ivec2 pixel) {
 
 bool incomplete(Texel texel) { return texel.there && texel.colour.a < 1.0; }
 
-void main() {
-    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
-    if (any(greaterThanEqual(4 * pixel, imageSize(image)))) return;
+// What goes into the lists: bits of 2x2, and 1 or 0.
+struct Found { uint holes, halves, quarter; };
+
+Found pulled(ivec2 pixel) {
+    Found found;
     Texel a = half_texel(2 * pixel), b = half_texel(2 * pixel + ivec2(1, 0));
     Texel c = half_texel(2 * pixel + ivec2(0, 1)), d = half_texel(2 * pixel + 1);
-    append_some(half_list.x, half_list.y, 2 * pixel, 0,
-                bits(incomplete(a), incomplete(b), incomplete(c), incomplete(d)));
-    append_some(holes_list.x, holes_list.y, 2 * pixel, 0,
-                bits(a.hole && a.there, b.hole && b.there, c.hole && c.there, d.hole && d.there));
+    found.halves = bits(incomplete(a), incomplete(b), incomplete(c), incomplete(d));
+    found.holes = bits(a.hole && a.there, b.hole && b.there, c.hole && c.there, d.hole && d.there);
     // An odd border repeats its last texel.
     bvec2 whole = lessThan(4 * pixel + 2, imageSize(image));
     if (!whole.x) { b = a; d = c; }
@@ -92,6 +92,21 @@ void main() {
     imageStore(quarter_guide, pixel, vec4(deepest));
     float least = nearest(vec4(a.nearest, b.nearest, c.nearest, d.nearest));
     imageStore(extents, pixel, vec4(least, deepest, 0.0, 0.0));
-    if (p.confidence < 1.0) append(quarter_list.x, quarter_list.y, pixel, 0);
+    found.quarter = uint(p.confidence < 1.0);
     if (a.hole || b.hole || c.hole || d.hole) mark_hole(4 * pixel);
+    return found;
+}
+
+void append_found(uvec2 list, ivec2 corner, uint bits) {
+    uint slot = places_of_group(uint(bitCount(bits)), list.x, uint(LIST_GROUP));
+    write_some(list.y + slot, corner, 0, bits);
+}
+
+void main() {
+    ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
+    Found found = Found(0u, 0u, 0u);
+    if (all(lessThan(4 * pixel, imageSize(image)))) found = pulled(pixel);
+    append_found(half_list, 2 * pixel, found.halves);
+    append_found(holes_list, 2 * pixel, found.holes);
+    append_found(quarter_list, pixel, found.quarter);
 }

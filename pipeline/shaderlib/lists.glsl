@@ -50,15 +50,18 @@ uint bits(bool a, bool b, bool c, bool d) {
     return uint(a) + 2u * uint(b) + 4u * uint(c) + 8u * uint(d);
 }
 
-// Appends those of 2x2 pixels whose bit is set.
-void append_some(uint list, uint first, ivec2 corner, int chain, uint bits) {
-    if (bits == 0u) return;
-    uint at = first + places_for(uint(bitCount(bits)), list, uint(LIST_GROUP));
+// Writes those of 2x2 pixels whose bit is set, from a place on.
+void write_some(uint at, ivec2 corner, int chain, uint bits) {
     uint entry = entry_of(corner, chain);
     if ((bits & 1u) != 0u) entries[at++] = entry;
     if ((bits & 2u) != 0u) entries[at++] = entry + 1u;
     if ((bits & 4u) != 0u) entries[at++] = entry + (1u << 14);
     if ((bits & 8u) != 0u) entries[at] = entry + 1u + (1u << 14);
+}
+
+void append_some(uint list, uint first, ivec2 corner, int chain, uint bits) {
+    if (bits == 0u) return;
+    write_some(first + places_for(uint(bitCount(bits)), list, uint(LIST_GROUP)), corner, chain, bits);
 }
 
 // No loop over groups: see guided.glsl.

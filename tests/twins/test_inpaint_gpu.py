@@ -1,9 +1,12 @@
 """Guided pull and push on the GPU against its definition, and the lists it works through."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.gl import passes
 from pipeline.gl.texture import create_texture, read_back, texture_from
 from pipeline.inpaint.gpu import GuidedBasePass, ResolutionSizes
 from pipeline.inpaint.reference import guide_from_depth, guided_base, near_a_hole
@@ -88,6 +91,12 @@ class Filled:
         width, height = self.base.resolutions.sizes[resolution]
         found = np.frombuffer(self.base.guide.at(resolution).read(), np.float32)
         return found.reshape(height, width)
+
+
+@pytest.fixture(params=[True, False], ids=["on a processor", "on a card"])
+def any_variant(request, monkeypatch):
+    """Compile the shaders of either kind of renderer: both are twins of one reference."""
+    monkeypatch.setattr(passes, "describe", lambda _: SimpleNamespace(software=request.param))
 
 
 @pytest.fixture
@@ -209,6 +218,7 @@ def test_no_hole_changes_nothing(fill, rng):
     assert filled.tobytes() == with_alpha(colour, hole).tobytes()
 
 
+@pytest.mark.usefixtures("any_variant")
 @pytest.mark.parametrize("levels", [1, 3, 6])
 @pytest.mark.parametrize("size", [(1, 1), (20, 1600), (300, 410)])
 def test_lists_of_tiles_are_what_the_reference_calls_near(fill, rng, size, levels):
@@ -257,6 +267,7 @@ def listed(base, key):
     return found
 
 
+@pytest.mark.usefixtures("any_variant")
 def test_the_list_of_holes_holds_every_block_with_a_hole_once(fill, rng):
     scene = random_scene(rng, (31, 46))
 
@@ -267,6 +278,7 @@ def test_the_list_of_holes_holds_every_block_with_a_hole_once(fill, rng):
     assert listed(base, ("holes", 1)) == {(*place, 0) for place in places(blocks)}
 
 
+@pytest.mark.usefixtures("any_variant")
 def test_a_list_has_as_many_work_groups_as_its_entries_need(fill, rng):
     """Appended one by one or four at once, by pixel 64 to a group and by tile one or four."""
     lists = fill(random_scene(rng, (190, 210), 0.1), levels=4).base.lists
@@ -282,6 +294,7 @@ def test_a_list_has_as_many_work_groups_as_its_entries_need(fill, rng):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("any_variant")
 def test_more_holes_than_work_groups_in_a_row(fill):
     """32 769 groups of 64 blocks, one block in the last: a second row of groups must fill it."""
     size = (2050, 4096)
