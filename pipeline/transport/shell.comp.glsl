@@ -19,8 +19,10 @@ layout(std140) uniform Step {
     uvec2 next_list;
 };
 
-bool is_seen(vec4 tensor, ivec2 place, float guide) {
-    return tensor.a < shell && is_alike(guide, imageLoad(moved, place).a);
+// What no shell before has reached, or lies at another depth, is not seen. Both are loaded before that
+// is known: loads behind branches wait for each other.
+bool is_seen(float reached, float there, ivec2 place, float guide) {
+    return is_inside(place) && reached < shell && is_alike(guide, there);
 }
 
 vec3 mean_tensor(ivec2 pixel, float guide) {
@@ -28,10 +30,10 @@ vec3 mean_tensor(ivec2 pixel, float guide) {
     for (int y = -CARRY_PX; y <= CARRY_PX; ++y) {
         for (int x = -CARRY_PX; x <= CARRY_PX; ++x) {
             ivec2 along = ivec2(x, y), place = pixel + along;
-            if (!in_disc(along, CARRY_PX) || !is_inside(place)) continue;
+            if (!in_disc(along, CARRY_PX)) continue;
             vec4 tensor = imageLoad(tensors, place);
-            if (!is_seen(tensor, place, guide)) continue;
-            total += vec4(tensor.rgb, 1.0) / float(x * x + y * y);
+            float there = imageLoad(moved, place).a;
+            if (is_seen(tensor.a, there, place, guide)) total += vec4(tensor.rgb, 1.0) / float(x * x + y * y);
         }
     }
     return total.rgb / total.a;
@@ -53,11 +55,11 @@ vec3 mean_colour(ivec2 pixel, float guide, vec2 across) {
     for (int y = -RADIUS_PX; y <= RADIUS_PX; ++y) {
         for (int x = -RADIUS_PX; x <= RADIUS_PX; ++x) {
             ivec2 along = ivec2(x, y), place = pixel + along;
-            if (!in_disc(along, RADIUS_PX) || !is_inside(place)) continue;
+            if (!in_disc(along, RADIUS_PX)) continue;
             vec4 there = imageLoad(moved, place);
-            if (!is_alike(guide, there.a) || imageLoad(tensors, place).a >= shell) continue;
-            float off = dot(across, vec2(along));
-            total += exp(-0.5 * off * off) * inversesqrt(float(x * x + y * y)) * vec4(there.rgb, 1.0);
+            float reached = imageLoad(tensors, place).a, off = dot(across, vec2(along));
+            float weight = exp(-0.5 * off * off) * inversesqrt(float(x * x + y * y));
+            if (is_seen(reached, there.a, place, guide)) total += weight * vec4(there.rgb, 1.0);
         }
     }
     return total.rgb / total.a;
