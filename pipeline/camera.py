@@ -180,22 +180,3 @@ def flow_between(
         target_depth = (depth_ratio * depth_m.astype(np.float64)).astype(np.float32)
     seen = (depth_ratio > 0) & np.isfinite(flow).all(axis=-1)
     return np.where(seen[..., None], flow, 0), np.where(seen, target_depth, 0)
-
-
-def reprojection(source: Camera, target: Camera) -> Floats:
-    """The matrix that takes target pixels with depth back to the source: P T P^-1.
-
-    Kuffner dos Anjos et al. 2022, section 3.4.1.
-
-    Returns
-    -------
-    ndarray of float64, shape (4, 4)
-        Takes (x, y, 1, 1 / depth_m) of the target to homogeneous (x, y, w, .) of the
-        source; a depth of inf is 0 in the last place. w is above 0 in front of the source
-        alone: elsewhere x / w and y / w are no place in its image.
-    """
-    source_from_target = np.linalg.inv(source.world_from_camera) @ target.world_from_camera
-    matrix = np.eye(4)
-    matrix[:3, :3] = source.matrix @ source_from_target[:3, :3] @ np.linalg.inv(target.matrix)
-    matrix[:3, 3] = source.matrix @ source_from_target[:3, 3]
-    return matrix

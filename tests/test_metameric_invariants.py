@@ -4,11 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from cameras import wide_camera
 from scipy import ndimage
 from stationary_textures import LEVELS, Scene, Texture, measure, whole_coefficients
 
-from pipeline.camera import flow_between, reprojection
 from pipeline.errors import InputError
 from pipeline.frame import WarpedFrame
 from pipeline.methods.registry import create_method
@@ -38,14 +36,13 @@ def disc(size, x, y, radius):
     return np.hypot(columns - x, rows - y) < radius
 
 
-def fill(frame, *, seed=1, matrix=None, **settings):
+def fill(frame, *, seed=1, **settings):
     """Fill by the definition, in numpy."""
     return metameric_fill(
         frame,
         MetamericSettings(**settings),
         seed=seed,
         z_near_m=Z_NEAR_M,
-        source_from_target=matrix,
     )
 
 
@@ -357,44 +354,6 @@ def test_noise_stays_on_the_screen_if_told_so():
 
     assert correlation_along(before, after, 0) >= 0.9
     assert abs(correlation_along(before, after, 9)) < 0.3
-
-
-def test_noise_follows_a_camera_by_its_matrix():
-    """A plane at 5 m, a camera moved so that it shows 9 px further right."""
-    camera = wide_camera(160, 96, 60)
-    target = camera.moved(np.array([-9 * 5.0 / camera.fx_px, 0.0, 0.0]))
-    flow, depth = flow_between(camera, target, np.full((96, 160), 5, np.float32))
-    np.testing.assert_allclose(flow[..., 0], 9, atol=1e-4)
-    texture = world(np.random.default_rng(1))
-    still, later = (
-        frame_of(np.roll(texture, shift, axis=1)[:, :160, None].clip(0, 1), HOLE, depth)
-        for shift in (0, 9)
-    )
-    fills = [
-        fill(frame, anchor="camera", matrix=reprojection(camera, view))
-        for frame, view in ((still, camera), (later, target))
-    ]
-
-    before, after = (np.where(HOLE, (found.colour - found.base)[..., 1], np.nan) for found in fills)
-
-    assert correlation_along(before, after, 9) >= 0.9
-
-
-def test_the_camera_s_matrix_agrees_with_its_flow():
-    """Six degrees of freedom: where flow takes a pixel, the matrix brings it back."""
-    source = wide_camera(40, 30, 60)
-    target = source.moved(np.array([0.2, -0.1, 0.3]))
-    depth = np.random.default_rng(0).uniform(2, 9, (30, 40)).astype(np.float32)
-    flow, target_depth = flow_between(source, target, depth)
-    start = source.pixel_centres()
-    end = start + flow
-    point = np.concatenate(
-        [end, np.ones((30, 40, 1)), 1 / target_depth[..., None].astype(np.float64)], axis=-1
-    )
-
-    back = point @ reprojection(source, target).T
-
-    np.testing.assert_allclose(back[..., :2] / back[..., 2:3], start, atol=1e-4)
 
 
 @pytest.mark.parametrize("blur_px", [0.0, 0.6, 1.0, 2.0])

@@ -1,12 +1,10 @@
 """Fills that depth guides: `metameric`, `metameric-paper`, `push-pull-depth` and transport."""
 
 from functools import partial
-from typing import Any
 
 import moderngl
 import numpy as np
 
-from pipeline.errors import InputError
 from pipeline.frame import Floats, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.inpaint.gpu import GuidedBasePass
@@ -33,14 +31,6 @@ class Metameric(DepthGuidedMethod[MetamericPass]):
 
     settings_class = MetamericSettings
     _settings: MetamericSettings
-
-    def __init__(self, ctx: moderngl.Context, **parameters: Any) -> None:
-        super().__init__(ctx, **parameters)
-        if self._settings.anchor == "camera":
-            raise InputError(
-                'anchor must be "flow" or "screen" in a study (got \'camera\', which needs the'
-                " two cameras of each frame: use MetamericPass in Python)"
-            )
 
     def in_numpy(self) -> InNumpy:
         """Return the numpy twin of this method with its parameters."""

@@ -8,7 +8,7 @@
 #constant CHANNELS  // of noise: 1 or 3
 #constant NOISE_TEXELS         // along an edge of the tile
 #constant NOISE_TEXELS_PER_PX
-#constant ANCHOR    // 0: screen, 1: warped motion, 2: depth and two cameras
+#constant MOVES     // 1: noise goes with the motion, 0: lies on the screen
 #constant ANCHOR_REACH_PX
 #constant FOVEATED  // 1: where the gaze leaves it
 #constant SMALLEST_LACKING  // variance that is no more divided by its own root
@@ -36,17 +36,10 @@ uniform float z_near_m;
 uniform float noise_scale;
 uniform ivec4 level_size[LEVELS];          // columns, rows, where its first texel lies
 uniform vec4 lag_correlation[LEVELS * 3];  // lags (0, 1), (1, 0), (1, 1), (1, -1)
-uniform mat4 source_from_target;  // of the anchor 2
 
-vec2 anchor(ivec2 pixel, float depth) {
+vec2 anchor(ivec2 pixel) {
     vec2 here = vec2(pixel) + 0.5;
-    vec2 place = here;
-    if (ANCHOR == 1) place = here - imageLoad(flow_px, pixel).rg;
-    if (ANCHOR == 2) {
-        vec4 point = source_from_target * vec4(here, 1.0, 1.0 / depth);
-        if (!(point.z > 0.0)) return here;  // behind the source camera
-        place = point.xy / point.z;
-    }
+    vec2 place = MOVES == 1 ? here - imageLoad(flow_px, pixel).rg : here;
     return all(lessThan(abs(place), vec2(ANCHOR_REACH_PX))) ? place : here;
 }
 
@@ -75,7 +68,7 @@ Pixel pixel_at(ivec2 place) {
     p.colour = texel.rgb;
     float depth = imageLoad(depth_m, place).r;
     p.guide = max(0.0, 1.0 - z_near_m / depth);
-    vec2 noise_place = float(NOISE_TEXELS_PER_PX) * (anchor(place, depth) - 0.5);
+    vec2 noise_place = float(NOISE_TEXELS_PER_PX) * (anchor(place) - 0.5);
     p.noise_corner = ivec2(floor(noise_place));
     p.noise_share = bilinear(noise_place - floor(noise_place));
     return p;

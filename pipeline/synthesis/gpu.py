@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from pipeline.errors import InputError
-from pipeline.frame import Floats, check_seed
+from pipeline.frame import check_seed
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.passes import Pass
 from pipeline.inpaint.gpu import GuidedBasePass
@@ -16,9 +16,7 @@ from pipeline.noise.gains import LAGS
 from pipeline.noise.tile import TEXELS_PER_PX, TILE_TEXELS, noise_bands
 from pipeline.statistics.gpu import BANDS, LowBandPass, VariancePass
 from pipeline.synthesis.reference import SMALLEST_LACKING
-from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_source_from_target
-
-_ANCHORS = {"screen": 0, "flow": 1, "camera": 2}
+from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings
 
 
 class MetamericPass(Pass):
@@ -89,7 +87,7 @@ class MetamericPass(Pass):
             CHANNELS=self._channels,
             NOISE_TEXELS=TILE_TEXELS,
             NOISE_TEXELS_PER_PX=TEXELS_PER_PX,
-            ANCHOR=_ANCHORS[settings.anchor],
+            MOVES=settings.anchor == "flow",
             ANCHOR_REACH_PX=ANCHOR_REACH_PX,
             SMALLEST_LACKING=SMALLEST_LACKING,
             FOVEATED=attention is not None,
@@ -127,7 +125,6 @@ class MetamericPass(Pass):
         *,
         z_near_m: float,
         seed: int,
-        source_from_target: Floats | None = None,
     ) -> None:
         """Fill the holes of `frame.colour` in place; alpha stays as it is.
 
@@ -135,14 +132,7 @@ class MetamericPass(Pass):
         ----------
         z_near_m : float
             The clip's nearest depth.
-        source_from_target : ndarray, shape (4, 4)
-            Needed by ``anchor="camera"``; see `camera.reprojection`.
         """
-        if self.settings.anchor == "camera":
-            matrix = check_source_from_target(source_from_target)
-            self._composite["source_from_target"] = tuple(
-                matrix.T.astype(np.float32).ravel().tolist()
-            )
         self.set_seed(seed)
         self.tell(z_near_m=z_near_m)
         self._play(self.fill, frame)

@@ -18,7 +18,7 @@ from pipeline.frame import Floats, WarpedFrame, check_seed, check_some_known
 from pipeline.inpaint.reference import GuidedLevel, guide_from_depth, guided_base, guided_mean
 from pipeline.noise.tile import NoiseBands, look_up, noise_bands
 from pipeline.statistics.reference import inpainted_statistics
-from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings, check_source_from_target
+from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings
 
 SMALLEST_LACKING = 1e-20  # below it what is lacking is no more divided by its own root
 
@@ -42,7 +42,6 @@ def metameric_fill(
     *,
     seed: int,
     z_near_m: float,
-    source_from_target: Floats | None = None,
 ) -> MetamericFill:
     """Fill the holes of `warped` with a metamer of its background.
 
@@ -52,15 +51,11 @@ def metameric_fill(
         Of the noise, from 0 to 2**63 - 1.
     z_near_m : float
         The clip's nearest depth, greater than 0.
-    source_from_target : ndarray, shape (4, 4), optional
-        For ``anchor="camera"``: takes (x, y, 1, 1 / depth_m) of the target to
-        homogeneous (x, y, w) of the source, w > 0 in front of it; see `camera.reprojection`.
 
     Raises
     ------
     InputError
-        If every pixel is a hole, the seed is none, or the matrix is missing, not 4x4 or not
-        finite.
+        If every pixel is a hole, or the seed is none.
     """
     seed = check_seed(seed)
     check_some_known(warped.hole)
@@ -75,9 +70,7 @@ def metameric_fill(
     )
     hole = warped.hole[..., None]
     base = np.where(hole, base_levels[0].values, warped.colour)
-    return with_detail(
-        warped, base, base_levels, settings, seed=seed, source_from_target=source_from_target
-    )
+    return with_detail(warped, base, base_levels, settings, seed=seed)
 
 
 def with_detail(
@@ -87,7 +80,6 @@ def with_detail(
     settings: MetamericSettings,
     *,
     seed: int,
-    source_from_target: Floats | None = None,
     parts: Sequence[Floats] | None = None,
     attention: Floats | float = 1.0,
 ) -> MetamericFill:
@@ -105,7 +97,7 @@ def with_detail(
         skip_depth_edges=settings.skip_depth_edges,
         parts=parts,
     )
-    anchor_px = _anchors(warped, settings, source_from_target)
+    anchor_px = _anchors(warped, settings)
     noise = shaped_noise(
         lacking,
         base_levels[0].guide,
@@ -170,24 +162,12 @@ def _taps(
     return np.clip(first, 0, last), np.clip(first + 1, 0, last), place - first
 
 
-def _anchors(
-    warped: WarpedFrame,
-    settings: MetamericSettings,
-    source_from_target: Floats | None,
-) -> Floats:
+def _anchors(warped: WarpedFrame, settings: MetamericSettings) -> Floats:
     height, width = warped.size
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     here = np.stack([x, y], axis=-1)
     if settings.anchor == "screen":
         return here
-    if settings.anchor == "flow":
-        place = here - warped.flow_px.astype(np.float64)
-        seen = np.ones(warped.size, np.bool_)
-    else:
-        inverse = 1.0 / warped.depth_m.astype(np.float64)
-        point = np.stack([x, y, np.ones_like(x), inverse], axis=-1)
-        point = point @ check_source_from_target(source_from_target).T
-        seen = point[..., 2] > 0
-        place = point[..., :2] / np.where(seen, point[..., 2], 1.0)[..., None]
-    seen &= (np.abs(place) < ANCHOR_REACH_PX).all(axis=-1)
+    place = here - warped.flow_px.astype(np.float64)
+    seen = (np.abs(place) < ANCHOR_REACH_PX).all(axis=-1)
     return np.where(seen[..., None], place, here)

@@ -3,36 +3,15 @@
 from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
-import numpy as np
-
 from pipeline.errors import InputError
 from pipeline.features.reference import check_levels
-from pipeline.frame import Floats
 from protocols.errors import must_be_one_of
 
 Channels = Literal["correlated", "independent"]
-Anchor = Literal["flow", "camera", "screen"]
+Anchor = Literal["flow", "screen"]
 
 # Noise is looked up at most this far outside: float32 tells 1/128 px apart there.
 ANCHOR_REACH_PX = 65536.0
-
-
-def check_source_from_target(matrix: Floats | None) -> Floats:
-    """Return the matrix that ``anchor="camera"`` needs; see `camera.reprojection`.
-
-    Raises
-    ------
-    InputError
-        If there is none, or it is not 4x4 or not finite.
-    """
-    if matrix is None:
-        raise InputError('anchor "camera" needs source_from_target (got None)')
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise InputError(
-            f"source_from_target must be a finite 4x4 matrix (got shape {matrix.shape}"
-            f"{'' if np.isfinite(matrix).all() else ' with NaN or infinite values'})"
-        )
-    return matrix
 
 
 @dataclass(frozen=True)
@@ -51,11 +30,9 @@ class MetamericSettings:
         Amplitude of the noise relative to the statistics; 0 leaves the base alone.
     channels : {"correlated", "independent"}
         Chroma noise that follows the luma noise as the background's does, or of its own.
-    anchor : {"flow", "camera", "screen"}
-        What the noise sticks to: the background by its inpainted motion, the background
-        by its depth and two cameras, or the screen (the paper's screen-door effect). Where
-        the source camera cannot have seen the place (behind it, or more than
-        `ANCHOR_REACH_PX` aside), the noise sticks to the screen.
+    anchor : {"flow", "screen"}
+        What the noise sticks to: the background by its inpainted motion, where that is less than
+        `ANCHOR_REACH_PX`, or the screen (the paper's screen-door effect).
     skip_depth_edges : bool
         Leave coefficients that straddle a depth edge out of the statistics, and out of the
         measure of what the base already holds.

@@ -4,9 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
-from cameras import wide_camera
 
-from pipeline.camera import reprojection
 from pipeline.colour import ycbcr_from_rgb
 from pipeline.errors import InputError
 from pipeline.features.reference import analyse
@@ -16,7 +14,7 @@ from pipeline.methods.metameric import PushPullDepth
 from pipeline.statistics.moments import known_background, luma_moments, noise_variances
 from pipeline.statistics.reference import inpainted_statistics
 from pipeline.synthesis.reference import deviations, metameric_fill, sample
-from pipeline.synthesis.settings import ANCHOR_REACH_PX, MetamericSettings
+from pipeline.synthesis.settings import MetamericSettings
 
 
 def statistics(mean, magnitude, square, of_chroma):
@@ -230,33 +228,9 @@ def hole_frame(flow_px=(0.0, 0.0), depth_m=2.0):
     )
 
 
-def by_camera(matrix, frame=None):
-    settings = MetamericSettings(levels=1, anchor="camera")
-    return metameric_fill(
-        frame or hole_frame(), settings, seed=1, z_near_m=1.0, source_from_target=matrix
-    )
-
-
 def on_screen(frame=None):
     settings = MetamericSettings(levels=1, anchor="screen")
     return metameric_fill(frame or hole_frame(), settings, seed=1, z_near_m=1.0)
-
-
-def test_noise_sticks_to_the_screen_where_the_source_camera_saw_nothing():
-    """The source looks the other way, or is so far aside that no place can be told."""
-    source = wide_camera(24, 16, 60)
-    back = source.world_from_camera.copy()
-    back[:3, :3] = back[:3, :3] @ np.diag([-1.0, 1.0, -1.0])
-    behind = reprojection(source, wide_camera(24, 16, 60, back))
-    at_its_plane = np.diag([1.0, 1.0, 0.0, 1.0])
-    aside = np.eye(4)
-    aside[0, 2] = ANCHOR_REACH_PX
-
-    for matrix in (behind, at_its_plane, aside):
-        fill = by_camera(matrix)
-
-        np.testing.assert_array_equal(fill.anchor_px, on_screen().anchor_px)
-        np.testing.assert_array_equal(fill.colour, on_screen().colour)
 
 
 def test_noise_sticks_to_the_screen_where_the_motion_is_out_of_all_bounds():
@@ -265,16 +239,3 @@ def test_noise_sticks_to_the_screen_where_the_motion_is_out_of_all_bounds():
     fill = metameric_fill(frame, MetamericSettings(levels=1), seed=1, z_near_m=1.0)
 
     np.testing.assert_array_equal(fill.colour, on_screen().colour)
-
-
-@pytest.mark.parametrize(
-    ("matrix", "message"),
-    [
-        (None, "needs source_from_target"),
-        (np.eye(3), r"finite 4x4 matrix \(got shape \(3, 3\)"),
-        (np.full((4, 4), np.nan), "with NaN"),
-    ],
-)
-def test_a_camera_anchor_needs_a_finite_matrix(matrix, message):
-    with pytest.raises(InputError, match=message):
-        by_camera(matrix)

@@ -5,9 +5,7 @@ import dataclasses
 import moderngl
 import numpy as np
 import pytest
-from cameras import wide_camera
 
-from pipeline.camera import reprojection
 from pipeline.frame import WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import read_back, upload
@@ -52,17 +50,6 @@ def make_disc_scene(rng, size, *, inf_background=False):
     )
 
 
-def cameras(size):
-    """Give the matrix of a target camera beside and turned a little from its source."""
-    source = wide_camera(size[1], size[0], 50)
-    target = source.moved(np.array([0.11, -0.07, 0.05]))
-    pose = target.world_from_camera.copy()
-    angle = 0.03
-    turn = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
-    pose[:3, :3] = pose[:3, :3] @ turn
-    return reprojection(source, dataclasses.replace(target, world_from_camera=pose))
-
-
 class MetamericRun:
     """A pass with the textures of one frame; fills as often as it is called."""
 
@@ -71,7 +58,6 @@ class MetamericRun:
         height, width = frame.size
         self.fill_pass = MetamericPass(ctx, (width, height), settings)
         self.textures = FrameTextures.create(ctx, (width, height))
-        self.matrix = cameras(frame.size) if settings.anchor == "camera" else None
 
     def load(self, frame=None):
         frame = frame or self.frame
@@ -82,7 +68,7 @@ class MetamericRun:
         upload(self.textures.colour, rgba)
 
     def call(self, seed=3):
-        self.fill_pass(self.textures, z_near_m=Z_NEAR_M, seed=seed, source_from_target=self.matrix)
+        self.fill_pass(self.textures, z_near_m=Z_NEAR_M, seed=seed)
 
     def __call__(self, frame=None, seed=3):
         self.load(frame)
@@ -95,7 +81,6 @@ class MetamericRun:
             dataclasses.replace(self.settings, **changes),
             seed=seed,
             z_near_m=Z_NEAR_M,
-            source_from_target=self.matrix,
         )
 
     def fixed(self):

@@ -7,7 +7,7 @@ import pytest
 from cameras import wide_camera
 from scipy import ndimage
 
-from pipeline.camera import flow_between, reprojection
+from pipeline.camera import flow_between
 from pipeline.features.reference import grow
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.synthesis.settings import MetamericSettings
@@ -35,8 +35,7 @@ def test_fill_on_gpu_matches_reference(prepare, rng, size, disc_scene):
         {"levels": 3, "channels": "independent", "skip_depth_edges": False},
         {"levels": 5, "gamma": 1.0, "anchor": "screen"},
         {"levels": 6, "gamma": 0.5, "channels": "independent"},
-        {"anchor": "camera"},
-        {"anchor": "camera", "channels": "independent", "noise": 0.5},
+        {"channels": "independent", "noise": 0.5},
         {"anchor": "screen", "skip_depth_edges": False},
         {"noise": 0.0},
         {"depth_threshold": 1.0},
@@ -99,7 +98,7 @@ def test_a_slant_that_is_an_outline_at_coarse_levels_alone_matches_reference(
 @pytest.mark.full
 @pytest.mark.parametrize("levels", range(1, 7))
 @pytest.mark.parametrize("channels", ["correlated", "independent"])
-@pytest.mark.parametrize("anchor", ["flow", "camera", "screen"])
+@pytest.mark.parametrize("anchor", ["flow", "screen"])
 @pytest.mark.parametrize("skip_depth_edges", [True, False])
 @pytest.mark.parametrize("gamma", [0.0, 0.25, 0.5, 1.0])
 def test_every_combination_matches_reference(
@@ -154,19 +153,9 @@ def test_the_comparison_lets_no_other_pixel_through(prepare, rng, disc_scene):
             run.agrees(filled, fill)
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_noise_sticks_to_the_screen_where_there_is_no_place_to_look(
-    prepare, rng, turned, disc_scene
-):
-    """Behind the source camera, and where the motion is out of all bounds."""
+def test_noise_sticks_to_the_screen_where_the_motion_is_out_of_all_bounds(prepare, rng, disc_scene):
     frame = disc_scene(rng, (40, 56))
-    if turned:
-        source = wide_camera(56, 40, 50)
-        back = source.world_from_camera @ np.diag([-1.0, 1.0, -1.0, 1.0])
-        run = prepare(frame, anchor="camera")
-        run.matrix = reprojection(source, dataclasses.replace(source, world_from_camera=back))
-    else:
-        run = prepare(dataclasses.replace(frame, flow_px=np.full_like(frame.flow_px, -3e38)))
+    run = prepare(dataclasses.replace(frame, flow_px=np.full_like(frame.flow_px, -3e38)))
     fill, screen = run.reference(), run.reference(anchor="screen")
 
     np.testing.assert_array_equal(fill.colour, screen.colour)

@@ -174,14 +174,6 @@ def test_what_is_no_seed_is_refused(prepare, rng, seed, disc_scene):
         run(seed=seed)
 
 
-def test_a_camera_anchor_without_cameras_is_refused(prepare, rng, disc_scene):
-    run = prepare(disc_scene(rng, (20, 30)), anchor="camera")
-    run.matrix = None
-
-    with pytest.raises(InputError, match="source_from_target"):
-        run()
-
-
 def test_a_texture_of_the_warp_is_taken_as_it_is(gl_context, rng, disc_scene):
     """Colours inside holes are of no account."""
     frame = disc_scene(rng, (30, 40))

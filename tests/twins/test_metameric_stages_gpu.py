@@ -78,7 +78,7 @@ def noise_tolerance(run, lacking, guide, anchor_px):
     cross = settings.channels == "correlated"
     noise = noise_bands(3, settings.levels, 1 if cross else 3)
     farthest_px = np.abs(anchor_px).max() + max(run.frame.size)
-    moved_px = ROUNDOFF * farthest_px * (16 if settings.anchor == "camera" else 1)
+    moved_px = ROUNDOFF * farthest_px
     total = np.zeros((*run.frame.size, 3))
     for k, level in enumerate(lacking):
         tile = noise.tiles[k].astype(np.float64)
