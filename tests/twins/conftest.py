@@ -12,6 +12,7 @@ from pipeline.gl.texture import read_back, upload
 from pipeline.synthesis.gpu import MetamericPass
 from pipeline.synthesis.reference import metameric_fill
 from pipeline.synthesis.settings import MetamericSettings
+from tests.twins.work_lists import is_of_pass
 
 Z_NEAR_M = 1.0
 ROUNDOFF = 2.0**-24  # of one float32 operation
@@ -100,7 +101,7 @@ class MetamericRun:
                 pending += item
             elif isinstance(item, dict):
                 pending += item.values()
-            elif type(item).__module__.startswith("pipeline."):
+            elif is_of_pass(item):
                 pending += vars(item).values()
         return found
 

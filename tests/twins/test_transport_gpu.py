@@ -16,7 +16,7 @@ from pipeline.inpaint.regions import SHELLS, WorkLists
 from pipeline.methods.registry import create_method
 from pipeline.transport.gpu import TransportPass
 from pipeline.transport.reference import LEFT_OUT, UNREACHED, TransportSettings, transport_fill
-from tests.twins.work_lists import entries_of, entry_counts
+from tests.twins.work_lists import entries_of, entry_counts, is_of_pass
 
 Z_NEAR_M, SEED = 1.0, 7
 ATOL = 2.0**-14  # float32 over a hundred shells: a sixty-fourth of an 8-bit step
@@ -121,7 +121,7 @@ def written(item, found):
     elif isinstance(item, list | tuple | dict):
         for part in item.values() if isinstance(item, dict) else item:
             written(part, found)
-    elif type(item).__module__.startswith("pipeline."):
+    elif is_of_pass(item):
         for part in vars(item).values():
             written(part, found)
 

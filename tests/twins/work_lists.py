@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from pipeline.gl.compute import Shader
+
 
 def read_numbers(lists, buffer):
     """Read what shaders wrote through a copy, as `WorkLists.carry_shells` does."""
@@ -23,3 +25,8 @@ def entries_of(lists, key):
     first = lists._lists[key].first
     packed = read_numbers(lists, lists._entries)[first : first + entry_counts(lists)[key]]
     return np.stack([packed >> 14 & 0x3FFF, packed & 0x3FFF, packed >> 28], axis=-1)
+
+
+def is_of_pass(item):
+    """Tell whether an object may hold what a pass writes; shaders keep what they were told."""
+    return type(item).__module__.startswith("pipeline.") and not isinstance(item, Shader)
