@@ -24,11 +24,12 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.shared.clock import timed_runs
 from benchmarks.shared.dispatches import Copy, dispatches_of
 from benchmarks.shared.output import PagePart, conditions, file_to_write, write_record
 from pipeline.frame import SourceFrame, WarpedFrame
 from pipeline.frame_textures import FrameTextures
-from pipeline.gl.context import create_context, describe, release_context, timed_runs
+from pipeline.gl.context import create_context, describe, release_context
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.inpaint.gpu import GuidedBasePass
 from pipeline.methods.registry import create_method

@@ -29,6 +29,7 @@ import moderngl
 import numpy as np
 
 from benchmarks.shared import foveate_report as report
+from benchmarks.shared.clock import timed_runs
 from benchmarks.shared.dispatches import Copy, dispatches_of
 from benchmarks.shared.foveate_report import Line
 from benchmarks.shared.frame_cost import time_passes
@@ -48,7 +49,6 @@ from pipeline.gl.context import (
     create_context,
     describe,
     release_context,
-    timed_runs,
 )
 from pipeline.gl.texture import create_texture, texture_from
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import shutil
+import statistics
 import subprocess
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import moderngl
 
-from pipeline.gl.context import describe, timed_runs
+from pipeline.gl.context import describe
 from pipeline.gl.shader import ShaderSource, compile_source
 from pipeline.gl.texture import create_texture
 
@@ -29,6 +31,38 @@ void main() {
     imageStore(target, ivec2(0), vec4(x));
 }
 """
+
+
+class RunTimes(NamedTuple):
+    """Milliseconds of runs by the driver's time query and, from idle to idle, by the wall clock."""
+
+    gpu_ms: tuple[float, ...]
+    wall_ms: tuple[float, ...]
+
+    @property
+    def median_ms(self) -> float:
+        """Median by the GPU's clock, or the wall's where Mesa answers with a nanosecond."""
+        gpu = statistics.median(self.gpu_ms)
+        return gpu if gpu > 1e-3 else statistics.median(self.wall_ms)
+
+
+def timed_runs(
+    ctx: moderngl.Context, work: Callable[[], None], *, repeats: int, warm_up: int
+) -> RunTimes:
+    """Run `work` untimed, then time each run; it must hold no time query of its own."""
+    for _ in range(warm_up):
+        work()
+    ctx.finish()
+    query = ctx.query(time=True)  # one a call: moderngl cannot free it
+    gpu_ms, wall_ms = [], []
+    for _ in range(repeats):
+        start_s = time.perf_counter()
+        with query:
+            work()
+        ctx.finish()
+        wall_ms.append(1e3 * (time.perf_counter() - start_s))
+        gpu_ms.append(query.elapsed / 1e6)
+    return RunTimes(tuple(gpu_ms), tuple(wall_ms))
 
 
 class Clock:

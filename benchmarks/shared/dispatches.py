@@ -8,8 +8,9 @@ from typing import Any
 
 import moderngl
 
+from benchmarks.shared.clock import timed_runs
 from pipeline.gl.compute import Launch, Shader
-from pipeline.gl.context import describe, timed_runs
+from pipeline.gl.context import describe
 from pipeline.gl.shader import ShaderSource
 
 Dispatch = Callable[[], None]

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import moderngl
 
-from benchmarks.shared.clock import Clock
+from benchmarks.shared.clock import Clock, timed_runs
 from benchmarks.shared.dispatches import nothing_dispatched, timed_dispatches
-from pipeline.gl.context import describe, timed_runs
+from pipeline.gl.context import describe
 
 Work = Callable[[], object]
 CLOCK_UP_S = 0.2  # graphics cards rest at a sixth of their clock, and take this long to rise

@@ -1,4 +1,4 @@
-"""OpenGL contexts, off-screen or the one the caller's window made current, and their clocks.
+"""OpenGL contexts, off-screen or the one the caller's window made current.
 
 Off-screen ones come through EGL on Linux, through WGL on Windows and through CGL on macOS, which
 has no compute shaders: there, and wherever OpenGL 4.3 is missing, numpy does what it can.
@@ -8,17 +8,15 @@ the current one, whichever object asks. Making a context makes it current.
 """
 
 import ctypes
-import statistics
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import moderngl
 
-from pipeline.errors import GLUnavailableError, InputError
+from pipeline.errors import GLUnavailableError
 
 NUMPY_INSTEAD = (
     "no OpenGL 4.3 here ('metamerlab doctor' says why): numpy works instead, up to 30 times slower"
@@ -216,64 +214,3 @@ def _egl_context(device_index: int, version: int) -> moderngl.Context:
         "libegl": _LIBEGL,
     }
     return moderngl.create_context(require=version, standalone=True, **settings)
-
-
-# Mesa's software renderer answers a compute time query with a nanosecond.
-COUNTED_FROM_MS = 1e-3
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Milliseconds of repeated runs of one piece of GPU work."""
-
-    gpu_ms: tuple[float, ...]  # the driver's time query; next to zero where it does not count
-    wall_ms: tuple[float, ...]  # from an idle GPU to an idle GPU
-
-    @property
-    def median_ms(self) -> float:
-        """Median by the GPU's clock on hardware; by the wall clock where that reads nothing."""
-        gpu = statistics.median(self.gpu_ms)
-        return gpu if gpu > COUNTED_FROM_MS else statistics.median(self.wall_ms)
-
-
-def timed_runs(
-    ctx: moderngl.Context, work: Callable[[], None], *, repeats: int = 20, warm_up: int = 3
-) -> Timing:
-    """Run `work` repeatedly and time each run from idle to idle.
-
-    Parameters
-    ----------
-    work : callable
-        Issues the GPU work; must not hold a time query of its own.
-    repeats : int
-        How many runs are timed, at least 1.
-    warm_up : int
-        How many untimed runs come first, at least 0.
-
-    Raises
-    ------
-    InputError
-        If `repeats` or `warm_up` is too small.
-
-    Notes
-    -----
-    Leaves one query object in the context: moderngl has no call that frees it.
-    """
-    if repeats < 1 or warm_up < 0:
-        raise InputError(
-            f"repeats must be at least 1 and warm_up at least 0 (got {repeats} and {warm_up})"
-        )
-    for _ in range(warm_up):
-        work()
-    ctx.finish()
-    query = ctx.query(time=True)
-    gpu_ms: list[float] = []
-    wall_ms: list[float] = []
-    for _ in range(repeats):
-        start_s = time.perf_counter()
-        with query:
-            work()
-        ctx.finish()
-        wall_ms.append(1e3 * (time.perf_counter() - start_s))
-        gpu_ms.append(query.elapsed / 1e6)
-    return Timing(tuple(gpu_ms), tuple(wall_ms))
