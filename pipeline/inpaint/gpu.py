@@ -76,7 +76,6 @@ class GuidePyramid(Pass):
             self._texture(resolutions.sizes[r], "r32f") for r in range(1, resolutions.top + 1)
         ]
         self.extents = self._texture(resolutions.sizes[2], "rg32f")
-        self.scratch = self._buffer(4 * resolutions.tail_texels * MAX_LEVELS)
 
     def at(self, resolution: int) -> moderngl.Texture:
         """The guide of one resolution, from 1 to the top."""
@@ -133,12 +132,12 @@ class GuidedChainPass(Pass):
             width, height = resolutions.sizes[r]
             size = (planes * width, self._chains(r) * height)
             self._texels[r] = self._texture(size, "rgba32f")
-        self._tail.hold(
-            top=self.at(top),
-            top_guide=guide.at(top),
-            scratch=self._buffer(16 * planes * resolutions.tail_texels * self._chains(top)),
-            scratch_guide=guide.scratch,
-        )
+        self._tail.hold(top=self.at(top), top_guide=guide.at(top))
+        if planes > 1:
+            texels = resolutions.tail_texels * self._chains(top)
+            self._tail.hold(
+                scratch=self._buffer(16 * planes * texels), scratch_guide=self._buffer(4 * texels)
+            )
 
     def at(self, resolution: int) -> moderngl.Texture:
         """The texels of one resolution, from the finest to the top; see planes.glsl."""

@@ -17,9 +17,16 @@
 layout(local_size_x = GROUP) in;
 
 layout(rgba32f) uniform image2D top;
-layout(std430) coherent buffer Scratch { vec4 scratch[]; };
 layout(r32f) uniform readonly image2D top_guide;
+#if PLANES == 1  // a work group shares 32 KiB
+const int FIRST = 0;
+shared vec4 scratch[CHAIN_TEXELS];
+shared float scratch_guide[CHAIN_TEXELS];
+#else
+#define FIRST int(gl_WorkGroupID.x) * CHAIN_TEXELS
+layout(std430) coherent buffer Scratch { vec4 scratch[]; };
 layout(std430) coherent buffer ScratchGuide { float scratch_guide[]; };
+#endif
 
 layout(std140) uniform Step {
     ivec2 top_size;
@@ -28,7 +35,7 @@ layout(std140) uniform Step {
 };
 
 int scratch_at(int first, ivec2 size, ivec2 pixel) {
-    return int(gl_WorkGroupID.x) * CHAIN_TEXELS + first + pixel.y * size.x + pixel.x;
+    return FIRST + first + pixel.y * size.x + pixel.x;
 }
 
 ivec2 halved(ivec2 size) { return (size + 1) >> 1; }
@@ -171,7 +178,7 @@ void main() {
     int chain = int(gl_WorkGroupID.x);
     int count = top_size.x * top_size.y;
     for (int i = int(gl_LocalInvocationID.x); i < count; i += GROUP) {
-        int place = chain * CHAIN_TEXELS + i;
+        int place = FIRST + i;
         ivec2 to = texel_at(ivec2(i % top_size.x, i / top_size.x), chain, top_size.y);
         for (int p = 0; p < PLANES; ++p) {
             imageStore(top, to + ivec2(p, 0), scratch[place * PLANES + p]);
