@@ -1,7 +1,7 @@
 """The one table of limits of what files and devices of users may ask for, and its checks.
 
 Those of `LIMITS` are raised by the environment variable ``METAMERLAB_LIMITS``, such as
-``values=4e9,trials=1e6``. docs/images.md shows both tables.
+``values=4e9,trials=1e6``. docs/formats/limits.md shows the tables.
 """
 
 from __future__ import annotations

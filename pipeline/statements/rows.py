@@ -520,4 +520,4 @@ _VIDEOS = (
 )  # fmt: skip
 
 ROWS: Final = (*_PICTURES, *_VIDEOS)
-"""The table of pictures and videos; docs/images.md shows it."""
+"""The table of pictures and videos; docs/formats/headers.md shows it."""

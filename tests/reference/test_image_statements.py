@@ -515,4 +515,4 @@ def test_encoded_floats_that_say_so_are_read_once_that_is_told(tmp_path):
 
 
 def test_the_page_of_pictures_and_videos_has_the_table(repository):
-    assert table(ROWS) in (repository / "docs" / "images.md").read_text(encoding="utf-8")
+    assert table(ROWS) in (repository / "docs/formats/headers.md").read_text(encoding="utf-8")

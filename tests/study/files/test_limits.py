@@ -409,7 +409,7 @@ def test_a_frame_that_no_reader_reads_is_one_message(tmp_path):
 
 
 def test_the_page_of_limits_has_each_of_them_and_what_commands_take(repository):
-    page = (repository / "docs" / "images.md").read_text(encoding="utf-8")
+    page = (repository / "docs/formats/limits.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (.+) \| `(\w+)` \| ([\d,]+) \|$", page, re.M)
     told = [(of, name, f"{most:,}") for name, (most, of) in (LIMITS | FIXED).items()]
     assert rows == told
