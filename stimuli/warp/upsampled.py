@@ -59,12 +59,13 @@ def upsampled_sheet(
     share = rates.share
     holes = drawing.of_holes(warped.colour, warped.hole & (share[..., 0] < 1))
     setup = np.where(share == 1, shown[0], holes).astype(np.uint8)
-    looks = f", {rates.coarser} x coarser" * (rates.coarser > 1)
-    looks += f", {rates.condition}" * (rates.condition != AS_IT_IS)
+    looks = [f"{rates.coarser} x coarser"] * (rates.coarser > 1)
+    looks += [rates.condition] * (rates.condition != AS_IT_IS)
     labels = [
-        f"true view within {rates.within_deg:g} degrees; around it warped, holes marked",
+        f"true view within {rates.within_deg:g} degrees; around it warped, holes marked"
+        + f"\nfills are measured, then shown: {', '.join(looks)}" * bool(looks),
         "true view",
-        *(one.choice.label + looks + quality_words(one) for one in fills),
+        *(one.choice.label + quality_words(one) for one in fills),
     ]
     tiles = [_tile(one, crops, rates.gaze_px) for one in [setup, *shown]]
     return drawing.sheet(list(zip(labels, tiles, strict=True)), columns=2)
