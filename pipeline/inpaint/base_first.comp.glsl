@@ -71,7 +71,7 @@ Texel half_texel(ivec2 pixel) {
 
 bool incomplete(Texel texel) { return texel.there && texel.colour.a < 1.0; }
 
-// What goes into the lists: bits of 2x2, and 1 or 0.
+// Marks of what goes into the lists: bits of 2x2, and 1 or 0.
 struct Found { uint holes, halves, quarter; };
 
 Found pulled(ivec2 pixel) {

@@ -19,7 +19,7 @@ layout(std140) uniform Step {
     uvec2 next_list;
 };
 
-// What no shell before has reached, or lies at another depth, is not seen. Both are loaded before that
+// A pixel that no shell has reached, or that lies at another depth, is not seen. Both are loaded before that
 // is known: loads behind branches wait for each other.
 bool is_seen(float reached, float there, ivec2 place, float guide) {
     return is_inside(place) && reached < shell && is_alike(guide, there);
