@@ -8,7 +8,7 @@
 #constant RESOLUTIONS  // how many resolutions of cells there are
 
 #include "guided.glsl"
-#include "group_lists.glsl"
+#include "lists.glsl"
 
 // A row of blocks: rows are read on and on (8x8 of them take half as long again).
 layout(local_size_x = LIST_GROUP) in;

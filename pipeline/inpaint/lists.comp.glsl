@@ -4,7 +4,7 @@
 
 #constant GROUP
 
-#include "group_lists.glsl"
+#include "lists.glsl"
 
 layout(local_size_x = GROUP) in;
 

@@ -1,5 +1,7 @@
 // Work lists, shared by all passes of a fill: which tiles or pixels of which chain to visit.
 
+#constant SOFTWARE  // 1: a processor draws
+
 #define LIST_GROUP 64       // pixels of a list that one work group visits
 #define MOST_GROUPS 32768u  // in a row of work groups: every driver takes that many
 
@@ -34,6 +36,26 @@ uint places_for(uint some, uint list, uint per_group) {
     if (columns > 0u) atomicAdd(counts[4u * list], columns);
     if (rows > 0u) atomicAdd(counts[4u * list + 1u], rows);
     return slot;
+}
+
+shared uint group_some, group_first;
+
+// Takes places for the `some` entries of each invocation of a work group, all of which must call it, and
+// says which is its first: by one atomic, for cards take those of one address in turn. A processor does
+// not, and barriers cost it more.
+uint places_of_group(uint some, uint list, uint per_group) {
+#if SOFTWARE
+    return some > 0u ? places_for(some, list, per_group) : 0u;
+#else
+    bool is_first = gl_LocalInvocationIndex == 0u;
+    if (is_first) group_some = 0u;
+    barrier();
+    uint own = some > 0u ? atomicAdd(group_some, some) : 0u;
+    barrier();
+    if (is_first && group_some > 0u) group_first = places_for(group_some, list, per_group);
+    barrier();
+    return group_first + own;
+#endif
 }
 
 // Puts an entry into a list.
