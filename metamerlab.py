@@ -29,8 +29,11 @@ if TYPE_CHECKING:
     from pipeline.foveation.conditions import foveate as foveate
     from pipeline.foveation.geometry import Equirectangular as Equirectangular
     from pipeline.foveation.geometry import Flat as Flat
+    from pipeline.frame import PanoramaFrame as PanoramaFrame
     from pipeline.frame import SourceFrame as SourceFrame
     from pipeline.gl.context import create_context as create_context
+    from pipeline.methods.moved_panorama import move_panorama as move_panorama
+    from pipeline.methods.moved_panorama import warp_panorama as warp_panorama
     from pipeline.methods.registry import fill as fill
     from pipeline.pictures.colour_file import load_colour as read_picture  # noqa: F401 (offered)
     from pipeline.pictures.colour_file import save_colour as write_picture  # noqa: F401 (offered)
@@ -49,6 +52,7 @@ OFFERED = {
     "Equirectangular": "pipeline.foveation.geometry:Equirectangular",
     "Flat": "pipeline.foveation.geometry:Flat",
     "Foveator": "pipeline.foveation.conditions:Foveator",
+    "PanoramaFrame": "pipeline.frame:PanoramaFrame",
     "SourceFrame": "pipeline.frame:SourceFrame",
     "bake": "pipeline.textures.bake:bake",
     "build": "study_app.cli.calls:build",
@@ -59,6 +63,7 @@ OFFERED = {
     "fit_thresholds": "analysis.models.thresholds:fit_thresholds",
     "foveate": "pipeline.foveation.conditions:foveate",
     "load_protocol": "protocols.load:load_protocol",
+    "move_panorama": "pipeline.methods.moved_panorama:move_panorama",
     "power": "study_app.cli.calls:power",
     "preferences": "analysis.models.preference:preferences",
     "read_picture": "pipeline.pictures.colour_file:load_colour",
@@ -69,6 +74,7 @@ OFFERED = {
     "score": "study_app.cli.calls:score",
     "simulate": "study_app.cli.calls:simulate",
     "warp": "pipeline.warp.gpu:warp_frame",
+    "warp_panorama": "pipeline.methods.moved_panorama:warp_panorama",
     "write_picture": "pipeline.pictures.colour_file:save_colour",
 }
 """Name that a program writes: where it lies."""

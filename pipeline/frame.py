@@ -59,6 +59,79 @@ class SourceFrame:
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value
+class PanoramaFrame:
+    """Colour and distance of all that is around a place, equirectangular.
+
+    Parameters
+    ----------
+    colour : ndarray of float32, shape (H, 2 H, 3)
+        Encoded R'G'B' in [0, 1].
+    distance_m : ndarray of float32, shape (H, 2 H)
+        Along each pixel's own ray, > 0; inf is "nothing there".
+    measured : ndarray of bool, shape (H, 2 H), optional
+        As `SourceFrame` has it.
+
+    Raises
+    ------
+    InputError
+        As `SourceFrame`, or if the panorama is not 2:1.
+    """
+
+    colour: NDArray[np.float32]
+    distance_m: NDArray[np.float32]
+    measured: NDArray[np.bool_] | None = None
+
+    def __post_init__(self) -> None:
+        height, width = SourceFrame(self.colour, self.distance_m, self.measured).size
+        if width != 2 * height:
+            raise InputError(
+                f"a panorama must be twice as wide as high (got {width} x {height} px)"
+            )
+
+
+@dataclass(frozen=True)
+class TargetWindow:
+    """The target view, in the source's pixel grid.
+
+    A source rendered with a margin is larger than the window that is shown.
+
+    Parameters
+    ----------
+    x_px, y_px : int
+        Where the window's left top corner lies in the source; may be negative.
+    width_px, height_px : int
+        Its size.
+
+    Raises
+    ------
+    InputError
+        If it holds no pixel.
+    """
+
+    x_px: int
+    y_px: int
+    width_px: int
+    height_px: int
+
+    def __post_init__(self) -> None:
+        if self.width_px < 1 or self.height_px < 1:
+            raise InputError(
+                f"a window must hold at least 1x1 px (got {self.width_px}x{self.height_px})"
+            )
+
+    @classmethod
+    def of(cls, source_size: tuple[int, int]) -> "TargetWindow":
+        """All of a source of `source_size` (height, width)."""
+        return cls(0, 0, source_size[1], source_size[0])
+
+    @classmethod
+    def inside_margin(cls, source_size: tuple[int, int], margin_px: int) -> "TargetWindow":
+        """A source of `source_size` (height, width) without `margin_px` on every side."""
+        height, width = source_size
+        return cls(margin_px, margin_px, width - 2 * margin_px, height - 2 * margin_px)
+
+
+@dataclass(frozen=True, eq=False)  # arrays have no single truth value
 class WarpedFrame:
     """A source frame as another view sees it, with holes: what every fill method takes.
 

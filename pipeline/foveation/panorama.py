@@ -12,6 +12,8 @@ Twin: panorama_gpu.py. Change both or neither.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,8 @@ from pipeline.foveation.geometry import (
 from pipeline.foveation.picture_fixation import Colour, PictureFixation
 from pipeline.foveation.sphere import BELT_DEG, cap_shares
 from pipeline.frame import Floats
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 SEEN_DEG = 35.0
 """Latitude to which the picture of a pole reaches, so that pools are whole where it counts."""
@@ -50,19 +54,28 @@ def capped_rows(geometry: Geometry, *, upper: bool) -> slice:
 def by_charts(condition: Condition, picture: Colour, fixation: PictureFixation) -> Colour:
     """Show a whole panorama to a gaze, by a condition that pools."""
     geometry = fixation.geometry
-    x, y = pixel_centres(geometry)
-    whole = condition.apply(picture, fixation).astype(np.float64)
-    for upper in (True, False):
-        cap = cap_of(geometry, upper=upper)
-        cap_shown = condition.apply(cap_picture(picture, cap), cap_look(fixation, cap))
-        rows = capped_rows(geometry, upper=upper)
-        rays = geometry.directions(x, y[rows])
-        share = cap_shares(rays)[..., None]
-        found = look_up_cubic(cap_shown.astype(np.float64), *cap.positions(rays), wraps=False)
-        whole[rows] += share * (found - whole[rows])
+
+    def shown(cap: CapGeometry) -> Colour:
+        return condition.apply(cap_picture(picture, cap), cap_look(fixation, cap))
+
+    whole = with_caps(condition.apply(picture, fixation), geometry, shown)
     assert condition.pooling is not None
     fade = fixation.pools(condition.pooling).fade()[..., None]
     return np.where(fade > 0, np.clip(whole, 0, 1).astype(np.float32), picture)
+
+
+def with_caps(belt: Colour, geometry: Geometry, shown: Callable[[CapGeometry], Colour]) -> Floats:
+    """Mix a panorama, towards its poles, with what `shown` gives of each pole's picture."""
+    x, y = pixel_centres(geometry)
+    whole = belt.astype(np.float64)
+    for upper in (True, False):
+        cap = cap_of(geometry, upper=upper)
+        rows = capped_rows(geometry, upper=upper)
+        rays = geometry.directions(x, y[rows])
+        share = cap_shares(rays)[..., None]
+        found = look_up_cubic(shown(cap).astype(np.float64), *cap.positions(rays), wraps=False)
+        whole[rows] += share * (found - whole[rows])
+    return whole
 
 
 def cap_picture(picture: Colour, cap: CapGeometry) -> Colour:
@@ -79,7 +92,7 @@ def seen_in(panorama: NDArray[np.floating], rays: Floats) -> Floats:
     return look_up_cubic(tall, x, y + OVER_POLES, wraps=True)
 
 
-def over_poles(panorama: NDArray[np.floating], rows: int) -> NDArray[np.floating]:
+def over_poles(panorama: NDArray[Scalar], rows: int) -> NDArray[Scalar]:
     """Go on past both poles, where the other meridian comes back: (h + 2 rows, w, ...)."""
     half = panorama.shape[1] // 2
     rows_there = np.minimum(np.arange(rows), len(panorama) - 1)

@@ -113,9 +113,14 @@ def scored_view(panorama_px: tuple[int, int]) -> FlatGeometry:
     """
     width_px, height_px = panorama_px
     Equirectangular().of(width_px, height_px)
-    distance_px = width_px / (2 * math.pi)
-    edge_px = max(1, round(2 * distance_px * math.tan(math.radians(SCORED_DEG / 2))))
-    return Flat(width_deg=SCORED_DEG).of(edge_px, edge_px)
+    return square_view(width_px, SCORED_DEG)
+
+
+def square_view(panorama_width_px: int, view_deg: float) -> FlatGeometry:
+    """Return a square view whose middle has pixels as large as the panorama's at the horizon."""
+    distance_px = panorama_width_px / (2 * math.pi)
+    edge_px = max(1, round(2 * distance_px * math.tan(math.radians(view_deg / 2))))
+    return Flat(width_deg=view_deg).of(edge_px, edge_px)
 
 
 def around_gaze(

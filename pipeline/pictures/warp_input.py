@@ -24,12 +24,14 @@ from pipeline.frame import (
     Bools,
     Floats,
     SourceFrame,
+    TargetWindow,
     check_depth,
     check_file_size,
     check_flow,
 )
 from pipeline.pictures.channels import (
     Channels,
+    Layer,
     channel_value,
     depth_layer,
     light_of,
@@ -46,7 +48,7 @@ from pipeline.pictures.colour_file import (
     load_colour,
     stored_transfer,
 )
-from pipeline.pictures.decode import read_parts
+from pipeline.pictures.decode import ExrParts, read_parts
 from pipeline.pictures.depth_and_flow import (
     DEPTH_UNIT,
     DepthIs,
@@ -73,11 +75,20 @@ class WarpInput:
         Target minus source position, x then y.
     target_depth_m : ndarray of float32, shape (H, W), optional
         Depth of the source's pixels as the target camera sees them.
+    window : TargetWindow, optional
+        What the target view shows, in the source's pixel grid; all of it by default.
     """
 
     source: SourceFrame
     flow_px: NDArray[np.float32]
     target_depth_m: NDArray[np.float32] | None = None
+    window: TargetWindow | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of the target view, pixels."""
+        window = self.window or TargetWindow.of(self.source.size)
+        return window.height_px, window.width_px
 
 
 def load_warp_input(
@@ -101,6 +112,22 @@ def load_warp_input(
         flow that is not finite.
     """
     told = channels or Channels()
+    file, layer, source = read_colour_and_depth(path, told, transfer, clip)
+    planes = file.planes
+    told_motion = (told_name(planes, told.flow_x), told_name(planes, told.flow_y))
+    cure = naming_options("motion_x", "motion_y")
+    flow_px = need_motion(path, planes, told_motion, layer=layer, cure=cure).flow_px
+    check_flow(flow_px, f"{path}: flow")
+    target_m = channel_value(path, planes, "target_depth", told_name(planes, told.target_depth))
+    if target_m is not None:
+        check_depth(target_m, f"{path}: depth", cure=NO_DEPTH)
+    return WarpInput(source, flow_px, target_m)
+
+
+def read_colour_and_depth(
+    path: Path, told: Channels, transfer: Transfer | None, clip: bool
+) -> tuple[ExrParts, Layer | None, SourceFrame]:
+    """Read one OpenEXR file's colour and depth, its parts, and the layer that the depth is of."""
     file = read_parts(path, encoded=transfer is Transfer.ENCODED)
     planes = file.planes
     layer = depth_layer(path, planes, told_name(planes, told.depth))
@@ -112,14 +139,7 @@ def load_warp_input(
         path, planes, "depth", told_name(planes, told.depth), cure=naming_options("depth")
     )
     check_depth(depth_m, f"{path}: depth", cure=NO_DEPTH)
-    told_motion = (told_name(planes, told.flow_x), told_name(planes, told.flow_y))
-    cure = naming_options("motion_x", "motion_y")
-    flow_px = need_motion(path, planes, told_motion, layer=layer, cure=cure).flow_px
-    check_flow(flow_px, f"{path}: flow")
-    target_m = channel_value(path, planes, "target_depth", told_name(planes, told.target_depth))
-    if target_m is not None:
-        check_depth(target_m, f"{path}: depth", cure=NO_DEPTH)
-    return WarpInput(SourceFrame(colour, depth_m), flow_px, target_m)
+    return file, layer, SourceFrame(colour, depth_m)
 
 
 def save_warp_input(path: Path, frame: WarpInput) -> None:

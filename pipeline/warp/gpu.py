@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.frame import SourceFrame, TargetWindow, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.compute import ask
 from pipeline.gl.context import describe
@@ -16,7 +16,7 @@ from pipeline.gl.passes import Pass
 from pipeline.gl.shader import Constant
 from pipeline.gl.texture import format_of, texture_from
 from pipeline.warp import reference
-from pipeline.warp.settings import TargetWindow, WarpSettings, checked_motion
+from pipeline.warp.settings import WarpSettings, checked_motion
 
 ROW = 64  # work-group size of whole frames: tiles would share cache sets where rows are 2^n bytes
 TILE = 8  # work-group edge, pixels, where neighbours in all directions are read

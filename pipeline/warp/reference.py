@@ -18,8 +18,16 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frame import Bools, Floats, Ints, SourceFrame, WarpedFrame, check_same_size
-from pipeline.warp.settings import SUBPIXELS, TargetWindow, WarpSettings, checked_motion
+from pipeline.frame import (
+    Bools,
+    Floats,
+    Ints,
+    SourceFrame,
+    TargetWindow,
+    WarpedFrame,
+    check_same_size,
+)
+from pipeline.warp.settings import SUBPIXELS, WarpSettings, checked_motion
 from pipeline.warp.speckle import without_rim
 
 RINGS = 2  # of vertices around the source pixels

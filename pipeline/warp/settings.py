@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, check_flow, check_same_size
+from pipeline.frame import SourceFrame, TargetWindow, check_flow, check_same_size
 from pipeline.warp.speckle import mends, taken
 from protocols.errors import must_be_one_of
 
@@ -19,48 +19,6 @@ STRETCH_SHARE = 0.005  # of the window's width
 LEAST_STRETCH_PX = 2.0
 SURFACE_PX = 8
 MOST_RIM_PX = 4
-
-
-@dataclass(frozen=True)
-class TargetWindow:
-    """The target view, in the source's pixel grid.
-
-    A source rendered with a margin is larger than the window that is shown.
-
-    Parameters
-    ----------
-    x_px, y_px : int
-        Where the window's left top corner lies in the source; may be negative.
-    width_px, height_px : int
-        Its size.
-
-    Raises
-    ------
-    InputError
-        If it holds no pixel.
-    """
-
-    x_px: int
-    y_px: int
-    width_px: int
-    height_px: int
-
-    def __post_init__(self) -> None:
-        if self.width_px < 1 or self.height_px < 1:
-            raise InputError(
-                f"a window must hold at least 1x1 px (got {self.width_px}x{self.height_px})"
-            )
-
-    @classmethod
-    def of(cls, source_size: tuple[int, int]) -> "TargetWindow":
-        """All of a source of `source_size` (height, width)."""
-        return cls(0, 0, source_size[1], source_size[0])
-
-    @classmethod
-    def inside_margin(cls, source_size: tuple[int, int], margin_px: int) -> "TargetWindow":
-        """A source of `source_size` (height, width) without `margin_px` on every side."""
-        height, width = source_size
-        return cls(margin_px, margin_px, width - 2 * margin_px, height - 2 * margin_px)
 
 
 @dataclass(frozen=True)

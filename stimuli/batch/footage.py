@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.frame import SourceFrame, TargetWindow, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import create_texture, read_back, upload
 from pipeline.warp.gpu import CompletePass, WarpPass
 from pipeline.warp.reference import completed, warp
-from pipeline.warp.settings import TargetWindow, WarpSettings
+from pipeline.warp.settings import WarpSettings
 from stimuli.rendering.motion import MotionPass, border_gap_px
 from stimuli.rendering.paths import Path
-from stimuli.rendering.scenery import RenderedScenery, Scenery
+from stimuli.rendering.scenery import CameraStep, Scenery
 
 MARGIN_ROUNDS = 8
 
@@ -211,8 +211,7 @@ class Footage:
     def truth(self, frame: int) -> NDArray[np.float32]:
         """Return the true view of the camera of `frame`."""
         path, shot = self.shot.path, self.shot
-        rendered = isinstance(self._scenery, RenderedScenery)
-        warped = _NOTHING if rendered else self.warped(frame)
+        warped = _NOTHING if self._scenery.is_drawn else self.warped(frame)
         return self._scenery.truth(
             shot.size_px, path.poses[frame], shot.extent_m, warped, self.margin_px
         )
@@ -237,14 +236,16 @@ class Footage:
             if source is None or source.size != picture.size:
                 if source is not None:
                     source.release()
-                window = TargetWindow.inside_margin(picture.size, self.margin_px)
+                window = self._scenery.window(self.shot.size_px, self.margin_px)
                 source = (
                     _SourceInNumpy(picture.size, window, self._settings)
                     if self._ctx is None
                     else _SourceOnGpu(self._ctx, picture.size, window, self._settings)
                 )
             source.load(key, picture, camera)
-        known = self._scenery.motion(self.shot.size_px, self.margin_px, key, frame)
+        path, shot = self.shot.path, self.shot
+        step = CameraStep(key, frame, path.pose_of(key), path.poses[frame], shot.extent_m)
+        known = self._scenery.motion(shot.size_px, self.margin_px, step)
         if known is not None:
             return source, source.warp_along(*known)
         return source, source.warp_to(self._target(key, frame, source.camera))

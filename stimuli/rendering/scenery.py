@@ -3,13 +3,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.camera import Camera
-from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.frame import SourceFrame, TargetWindow, WarpedFrame
 from stimuli.rendering.paths import Pose
 from stimuli.rendering.render import WorldRenderer, check_view
+
+
+@dataclass(frozen=True)
+class CameraStep:
+    """Way of the camera from the picture that is warped to a frame.
+
+    Parameters
+    ----------
+    source, frame : int
+        Frame that is seen where the picture is taken, -1 for the path's centre; and the frame.
+    start, end : Pose
+        Camera of both.
+    extent_m : float
+        Of the path.
+    """
+
+    source: int
+    frame: int
+    start: Pose
+    end: Pose
+    extent_m: float
 
 
 class Scenery:
@@ -17,6 +40,8 @@ class Scenery:
 
     rim_px = 0
     """Width of the rim of mixed pixels along silhouettes; 0 where edges are exact."""
+    is_drawn = False
+    """True if a true view is drawn, and needs no warped frame."""
     largest_extent_m = float("inf")
     """Largest reach of a path; inf where nothing limits it."""
 
@@ -42,13 +67,14 @@ class Scenery:
         raise NotImplementedError
 
     def motion(
-        self, size_px: tuple[int, int], margin_px: int, source: int, frame: int
+        self, size_px: tuple[int, int], margin_px: int, step: CameraStep
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
-        """Return flow and target depth from frame `source` to `frame`, where a file tells them.
-
-        None: the cameras tell.
-        """
+        """Return flow and target depth of a step, where they are not those between two cameras."""
         return None
+
+    def window(self, size_px: tuple[int, int], margin_px: int) -> TargetWindow:
+        """Return the window of what is shown, in the pixel grid of `source`."""
+        return TargetWindow(margin_px, margin_px, *size_px)
 
     def own_margin_px(self, size_px: tuple[int, int]) -> int | None:
         """Return the margin around `size_px` that the files bring, where they bring all motion.
@@ -78,6 +104,8 @@ def near_depth_m(frame: SourceFrame) -> float:
 
 class RenderedScenery(Scenery):
     """A world of triangles: every view of it is true."""
+
+    is_drawn = True
 
     def __init__(self, renderer: WorldRenderer, name: str) -> None:
         self._renderer = renderer

@@ -35,7 +35,7 @@ from pipeline.pictures.warp_input import WarpInput
 from pipeline.warp.speckle import mends, taken
 from protocols.recipes.warped_clips import ExrScene, StereoPath, UpsamplingPath
 from stimuli.rendering.paths import Pose
-from stimuli.rendering.scenery import Scenery, near_depth_m
+from stimuli.rendering.scenery import CameraStep, Scenery, near_depth_m
 from stimuli.scenes.photo import PhotoScenery
 from stimuli.scenes.truth_check import TruthVerdict, flow_readings, judge_truth
 
@@ -179,11 +179,13 @@ class SequenceScenery(Scenery):
         return _cut(whole.colour, self._inside(whole.size, size_px, 0))
 
     def motion(
-        self, size_px: tuple[int, int], margin_px: int, source: int, frame: int
+        self, size_px: tuple[int, int], margin_px: int, step: CameraStep
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Follow every pixel of `source` from file to file."""
-        first = self._picture(source).frame
-        flow = followed(source, frame, lambda step: self._picture(step).frame, self._motion)
+        """Follow every pixel of the source from file to file."""
+        first = self._picture(step.source).frame
+        flow = followed(
+            step.source, step.frame, lambda frame: self._picture(frame).frame, self._motion
+        )
         inside = self._inside(first.size, size_px, margin_px)
         flow, depth_m = (self._mended(plane, first) for plane in (flow, first.depth_m))
         return _cut(flow, inside), _cut(depth_m, inside)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.frame import Floats
+from pipeline.frame import Floats, TargetWindow
 from pipeline.pictures.warp_input import WarpInput, motion_between
 
 WON: Final = 2 / 3
@@ -146,7 +146,8 @@ def judge_truth(
     if varied.sum() < _FEWEST:
         return TruthVerdict(None)
     step = max(1, math.ceil(math.sqrt(picture[..., 0].size / _MOST)))
-    flow = frame.flow_px[::step, ::step].astype(np.float64)
+    window = frame.window or TargetWindow.of(frame.source.size)
+    flow = frame.flow_px[::step, ::step].astype(np.float64) - (window.x_px, window.y_px)
     for seen in (known, None if frame.target_depth_m is None else frame.target_depth_m > 0):
         if seen is not None:
             flow = np.where(seen[::step, ::step, None], flow, np.nan)

@@ -67,6 +67,7 @@ def warp_and_fill(
         frame.source,
         frame.flow_px,
         target_depth_m=frame.target_depth_m,
+        window=frame.window,
         settings=settings or WarpSettings(),
         ctx=ctx,
     )

@@ -10,9 +10,9 @@ from scipy import ndimage
 
 from pipeline.camera import flow_between
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame
+from pipeline.frame import SourceFrame, TargetWindow
 from pipeline.warp.reference import coverage, inside, moved_mesh, torn_quads, warp
-from pipeline.warp.settings import SUBPIXELS, TargetWindow, WarpSettings
+from pipeline.warp.settings import SUBPIXELS, WarpSettings
 
 Flow = NDArray[np.float32]
 FLOAT32 = 2.0**-24  # roundoff: the reference computes in double and returns float32

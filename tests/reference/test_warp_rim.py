@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.frame import SourceFrame, TargetWindow, WarpedFrame
 from pipeline.warp.reference import warp
-from pipeline.warp.settings import TargetWindow, WarpSettings
+from pipeline.warp.settings import WarpSettings
 from pipeline.warp.speckle import without_rim
 
 FAR, NEAR = 5.0, 2.0

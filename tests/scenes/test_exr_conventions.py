@@ -12,7 +12,9 @@ from pipeline.frame import SourceFrame
 from pipeline.pictures.channels import Channels
 from pipeline.pictures.warp_input import load_warp_input
 from protocols.recipes.warped_clips import CirclePath, ExrScene, UpsamplingPath
+from stimuli.rendering.paths import STILL
 from stimuli.rendering.render import WorldRenderer
+from stimuli.rendering.scenery import CameraStep
 from stimuli.scenes.builtin_scenes import build_scene
 from stimuli.scenes.sequence import load_picture, open_sequence, turned_round
 
@@ -165,7 +167,7 @@ def test_one_of_two_motion_channels_is_not_enough(take, tmp_path, write_exr):
         load_warp_input(tmp_path / "a.exr")
     sequence = open_sequence(scene(camera=UP), tmp_path)
     with pytest.raises(InputError, match=r"forward\.v for motion .* motion_x ="):
-        sequence.motion((64, 48), 0, 0, 1)
+        sequence.motion((64, 48), 0, CameraStep(0, 1, STILL, STILL, 0.0))
 
 
 def test_motion_turned_round_is_the_motion_ahead(take):
@@ -194,7 +196,7 @@ def test_unreals_sequence_is_followed_ahead_by_the_next_files_motion(take, tmp_p
     write_exr(tmp_path / "s.0002.exr", [second])
     sequence = open_sequence(scene("s.####.exr", UP), tmp_path)
 
-    flow, depth_m = sequence.motion(SIZE, 0, 0, 1)
+    flow, depth_m = sequence.motion(SIZE, 0, CameraStep(0, 1, STILL, STILL, 0.0))
 
     np.testing.assert_allclose(depth_m, take.first.depth_m, rtol=1e-6)
     seen = np.isfinite(take.first.depth_m)

@@ -18,6 +18,7 @@ from protocols.recipes.warped_clips import (
 )
 from stimuli.batch.footage import CameraShot, Footage
 from stimuli.rendering.paths import STILL, make_path
+from stimuli.rendering.scenery import CameraStep
 from stimuli.scenes.photo import open_rgbd, open_stereo
 from stimuli.scenes.sequence import load_picture, open_sequence
 
@@ -196,7 +197,9 @@ def test_outliers_of_depth_are_mended_in_photographs_and_stay_in_files_of_progra
     assert shows(open_rgbd(rgbd(depth_speckle=False), tmp_path)) == 3
     for more, ratio in (({}, 3), ({"depth_speckle": True}, 1)):
         assert shows(sequence(CIRCLE, **more)) == shows(sequence(UP, **more), 0) == ratio
-        flow_px, seen_m = sequence(UP, **more).motion((64, 48), 0, 0, 1)
+        flow_px, seen_m = sequence(UP, **more).motion(
+            (64, 48), 0, CameraStep(0, 1, STILL, STILL, 0.0)
+        )
         assert (flow_px[5, 5, 0], seen_m[5, 5]) == ((7, 9) if ratio == 3 else (2, 3))
 
 

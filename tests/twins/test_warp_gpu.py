@@ -16,7 +16,7 @@ from scipy import ndimage
 from benchmarks.shared.dispatches import dispatches_of
 from pipeline.camera import Camera, flow_between
 from pipeline.errors import InputError
-from pipeline.frame import SourceFrame, WarpedFrame
+from pipeline.frame import SourceFrame, TargetWindow, WarpedFrame
 from pipeline.frame_textures import FrameTextures
 from pipeline.gl.texture import create_texture, texture_from
 from pipeline.warp.gpu import MOST_QUADS, WarpPass, warp_frame
@@ -29,7 +29,7 @@ from pipeline.warp.reference import (
     with_strips,
     with_thin,
 )
-from pipeline.warp.settings import VARIANTS, TargetWindow, WarpSettings
+from pipeline.warp.settings import VARIANTS, WarpSettings
 from pipeline.warp.speckle import DIRECTIONS, HOLE_PX, ahead
 
 # Roundoffs of float32. A weight is a quotient of two exact integers: 2 to convert them and 5
