@@ -333,8 +333,70 @@ class ExrScene(ExtendedModel, _PhotoScene):
         return self.camera.kind == "upsampling"
 
 
+class AroundScene(SceneBase):
+    """All that is around a place: a panorama with distance, seen in one direction.
+
+    It is a built-in scene, an OpenEXR file of colour and distance, or a picture and its distances.
+    """
+
+    kind: Literal["around"]
+    builtin: Name | None = None
+    """Name of a built-in scene, seen all around."""
+    height_px: Annotated[int, Field(ge=16, le=2048)] = 1024
+    """Height of its panorama."""
+    file: Text | None = None
+    """Instead, an OpenEXR panorama, such as `stimuli panorama SCENE --depth` writes."""
+    rgb: Text | None = None
+    """Instead, a picture of a panorama."""
+    depth: Text | None = None
+    """Distances of its pixels."""
+    depth_scale: Factor = 1.0
+    """Metres per unit of `depth`."""
+    depth_is: Literal["ray", "inverse", "distance"] = "ray"
+    """`ray`: along each pixel's own ray. `inverse`: 1 / that. `distance` is along an axis, which a
+    panorama has not, and is refused."""
+    unknown: list[StoredNumber] | None = None
+    """Numbers of `depth` that stand for unknown, as for a stereo pair."""
+    rim_px: RimPixels = 0
+    """Rim, as for a stereo pair. Use 1 for photographs and anti-aliased pictures."""
+    depth_speckle: bool = False
+    """Mending of outliers, as for a stereo pair. Use `true` for measured depth."""
+    right_deg: SignedDegrees = 0.0
+    """Direction of the clip's centre, right of the panorama's centre."""
+    down_deg: Annotated[SignedDegrees, Field(ge=-90, le=90)] = 0.0
+    """Direction of the clip's centre, below the panorama's centre."""
+    view_deg: Degrees = 90.0
+    """Visual angle of the clip's width in the panorama."""
+
+    @model_validator(mode="after")
+    def _one_source(self) -> AroundScene:
+        given = [key for key in ("builtin", "file", "rgb") if getattr(self, key) is not None]
+        if len(given) != 1 or (self.rgb is None) != (self.depth is None):
+            raise ValueError(
+                "must say builtin, or file, or rgb and depth"
+                f" (got {', '.join([*given, *(['depth'] if self.depth else [])]) or 'none'})"
+            )
+        if self.depth_is == "distance":
+            raise ValueError(
+                "depth_is must be 'ray' or 'inverse' (got 'distance', depth along an axis): a"
+                " panorama looks in all directions and has no axis; write each pixel's distance"
+            )
+        if self.builtin is None and (self.camera.kind == "upsampling" or self.view is not None):
+            raise ValueError(
+                "view and a camera of kind upsampling need builtin: a file was seen from one place"
+            )
+        if self.view is not None and self.view.vertical_fov_deg is not None:
+            raise ValueError("view_deg says how wide the view is: leave vertical_fov_deg out")
+        return self
+
+    @property
+    def _can_have_reference(self) -> bool:
+        return self.builtin is not None
+
+
 Scene: TypeAlias = Annotated[
-    BuiltinScene | MeshScene | StereoScene | RgbdScene | ExrScene, Field(discriminator="kind")
+    BuiltinScene | MeshScene | StereoScene | RgbdScene | ExrScene | AroundScene,
+    Field(discriminator="kind"),
 ]
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os.path
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 import moderngl
 
 from pipeline.errors import GLUnavailableError, InputError
 from protocols.disk.hashing import Json, sha256_file
 from protocols.recipes.warped_clips import (
+    AroundScene,
     BuiltinScene,
     CameraView,
     ExrScene,
@@ -22,6 +24,9 @@ from protocols.recipes.warped_clips import (
 from stimuli.rendering.scenery import RenderedScenery, Scenery
 from stimuli.rendering.world import Vector, Viewpoint, World
 from stimuli.scenes.builtin_scenes import build_scene, scene_entry
+
+if TYPE_CHECKING:
+    from stimuli.rendering.render import WorldRenderer
 
 BASE_MODULES = (
     "stimuli.batch.clip",
@@ -42,15 +47,12 @@ def open_scenery(ctx: moderngl.Context | None, scene: Scene, folder: Path) -> Sc
         If a file is missing or broken, or the scene shows nothing.
     """
     if isinstance(scene, (BuiltinScene, MeshScene)):
-        from stimuli.rendering.render import WorldRenderer
+        return RenderedScenery(open_renderer(ctx, scene, folder), scene.name)
+    if isinstance(scene, AroundScene):
+        from stimuli.scenes.surroundings import open_around
 
-        if ctx is None:
-            raise GLUnavailableError(
-                f"scene {scene.name!r} is drawn, for which OpenGL 4.3 is needed (there is none:"
-                " 'metamerlab doctor' says why); take photographs with depth (rgbd, a stereo pair"
-                " or exr), or build in the container or on another machine"
-            )
-        return RenderedScenery(WorldRenderer(ctx, open_world(scene, folder)), scene.name)
+        drawn = scene.builtin is not None
+        return open_around(scene, folder, open_renderer(ctx, scene, folder) if drawn else None)
     from stimuli.scenes.photo import open_rgbd, open_stereo
     from stimuli.scenes.sequence import open_sequence
 
@@ -61,9 +63,32 @@ def open_scenery(ctx: moderngl.Context | None, scene: Scene, folder: Path) -> Sc
     return open_sequence(scene, folder)
 
 
-def open_world(scene: BuiltinScene | MeshScene, folder: Path) -> World:
+DrawnScene: TypeAlias = BuiltinScene | MeshScene | AroundScene
+
+
+def open_renderer(ctx: moderngl.Context | None, scene: DrawnScene, folder: Path) -> WorldRenderer:
+    """Put the world of a scene that is drawn on the GPU.
+
+    Raises
+    ------
+    GLUnavailableError
+        If there is no context.
+    """
+    from stimuli.rendering.render import WorldRenderer
+
+    if ctx is None:
+        raise GLUnavailableError(
+            f"scene {scene.name!r} is drawn, for which OpenGL 4.3 is needed (there is none:"
+            " 'metamerlab doctor' says why); take photographs with depth (rgbd, a stereo pair"
+            " or exr), or build in the container or on another machine"
+        )
+    return WorldRenderer(ctx, open_world(scene, folder))
+
+
+def open_world(scene: DrawnScene, folder: Path) -> World:
     """Make the world of a rendered scene, seen from the protocol's view where it gives one."""
-    if isinstance(scene, BuiltinScene):
+    if isinstance(scene, BuiltinScene | AroundScene):
+        assert scene.builtin is not None
         world = build_scene(scene.builtin, scene.seed, scene.parameters)
     else:
         from stimuli.scenes.mesh_file import load_world
@@ -95,6 +120,9 @@ def scene_modules(scene: Scene) -> tuple[str, ...]:
         return ("stimuli.rendering.render", scene_entry(scene.builtin).module)
     if isinstance(scene, MeshScene):
         return ("stimuli.rendering.render", "stimuli.scenes.mesh_file")
+    if isinstance(scene, AroundScene):
+        drawn = () if scene.builtin is None else (scene_entry(scene.builtin).module,)
+        return ("stimuli.scenes.surroundings", *drawn)
     if isinstance(scene, ExrScene):
         return ("stimuli.scenes.sequence",)
     return ("stimuli.scenes.photo",)
@@ -120,6 +148,8 @@ def scene_files(scene: Scene, folder: Path) -> dict[str, Path]:
         if is_built_in(scene, folder):
             return {}
         names = [scene.left, scene.right, scene.disparity]
+    elif isinstance(scene, AroundScene):
+        names = [name for name in (scene.file, scene.rgb, scene.depth) if name is not None]
     elif isinstance(scene, RgbdScene):
         names = [scene.rgb, scene.depth]
     elif isinstance(scene, ExrScene):

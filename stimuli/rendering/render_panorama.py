@@ -1,9 +1,12 @@
-"""All that is around an eye in a world, as an equirectangular panorama: six views, put together."""
+"""All that is around an eye in a world, as an equirectangular panorama: six views, put together.
+
+Pictures to look at are anti-aliased; those with distance, for a warp, have one sample a pixel.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import moderngl
@@ -12,13 +15,20 @@ from numpy.typing import NDArray
 
 from pipeline.camera import Camera
 from pipeline.errors import InputError
-from pipeline.foveation.geometry import Equirectangular, EquirectangularGeometry
+from pipeline.foveation.geometry import (
+    Equirectangular,
+    EquirectangularGeometry,
+    Flat,
+    FlatGeometry,
+)
+from pipeline.frame import Bools, Floats, PanoramaFrame
 from stimuli.rendering.render import WorldRenderer
 from stimuli.rendering.world import World, look_at_pose
 
 LEAST_PX, MOST_PX = 16, 4096
 """Height of a panorama: a view of a higher one is more than drivers hold."""
 _FINER = 2  # samples per edge of a pixel at the horizon
+_FINER_WITH_DISTANCE = 3
 _MARGIN_PX = 2  # beyond a face's edge, for what lies between pixels
 _ROWS = 128  # worked out at a time
 
@@ -53,29 +63,91 @@ def panorama_of(
     InputError
         If the height lies outside of 16 to 4096, or the viewpoint looks straight up or down.
     """
-    if not LEAST_PX <= height_px <= MOST_PX:
-        raise InputError(f"a panorama must be {LEAST_PX} to {MOST_PX} px high (got {height_px} px)")
-    geometry = Equirectangular().of(2 * height_px, height_px)
-    edge_px = math.ceil(_FINER * geometry.width_px / math.pi)
-    level = _level_pose(world)
-    total = np.zeros((height_px, 2 * height_px, 3), np.float32)
+    geometry = _geometry(height_px, MOST_PX)
     renderer = WorldRenderer(ctx, world)
     try:
-        for number, turned in enumerate(_faces()):
-            pose = level.copy()
-            pose[:3, :3] = level[:3, :3] @ turned
-            middle = edge_px / 2 + _MARGIN_PX
-            edge = edge_px + 2 * _MARGIN_PX
-            half = edge_px / 2
-            camera = Camera(edge, edge, half, half, middle, middle, pose)
-            _add_face(total, renderer.render(camera).colour, camera, turned, geometry)
-            report(number + 1, 6)
+        total = np.zeros((height_px, 2 * height_px, 3), np.float32)
+        for camera, turned in _views(world, geometry, _FINER, report):
+            seen = renderer.render(camera).colour
+            for rows, inside, rays in _samples(turned, geometry, _FINER):
+                total[rows][inside] += _between(seen, *_places(camera, rays))
     finally:
         renderer.release()
     return np.clip(total / _FINER**2, 0, 1)
 
 
-def _level_pose(world: World) -> NDArray[np.float64]:
+def surroundings_of(
+    renderer: WorldRenderer,
+    height_px: int,
+    *,
+    move_m: Floats | None = None,
+    report: Callable[[int, int], None] = lambda _done, _total: None,
+) -> PanoramaFrame:
+    """Look around from a world's viewpoint, or a place beside it, with distance.
+
+    One sample a pixel, along its own ray: the nearest sample of a finer view, carried on to the ray
+    by its surface's slope. So nothing is mixed along edges.
+
+    Parameters
+    ----------
+    move_m : ndarray of shape (3,), optional
+        Right, down, and to the panorama's middle.
+
+    Raises
+    ------
+    InputError
+        As `panorama_of`; with distance, at most 2048 px high.
+    """
+    geometry = _geometry(height_px, MOST_PX // 2)
+    colour = np.zeros((height_px, 2 * height_px, 3), np.float32)
+    distance_m = np.full((height_px, 2 * height_px), np.inf, np.float32)
+    finer = _FINER_WITH_DISTANCE
+    for camera, turned in _views(renderer.world, geometry, finer, report, move_m):
+        seen = renderer.render(camera)
+        planes = np.dstack([seen.colour, 1 / seen.depth_m])
+        for rows, inside, rays in _samples(turned, geometry, 1):
+            found = _carried_on(planes, *_places(camera, rays))
+            colour[rows][inside] = found[:, :3]
+            with np.errstate(divide="ignore"):
+                distance_m[rows][inside] = 1 / (found[:, 3] * rays[:, 2])
+    return PanoramaFrame(colour.clip(0, 1), distance_m)
+
+
+def view_camera(world: World, geometry: FlatGeometry, turned: Floats, move_m: Floats) -> Camera:
+    """Camera of a flat view out of a world's panorama, moved along the panorama's axes."""
+    pose = level_pose(world)
+    pose[:3, 3] += pose[:3, :3] @ move_m
+    pose[:3, :3] = pose[:3, :3] @ turned
+    lens = (geometry.distance_px, geometry.distance_px, *geometry.centre_px)
+    return Camera(geometry.width_px, geometry.height_px, *lens, pose)
+
+
+def _geometry(height_px: int, most_px: int) -> EquirectangularGeometry:
+    if not LEAST_PX <= height_px <= most_px:
+        raise InputError(
+            f"a panorama must be {LEAST_PX} to {most_px} px high"
+            f"{' with distance' if most_px < MOST_PX else ''} (got {height_px} px)"
+        )
+    return Equirectangular().of(2 * height_px, height_px)
+
+
+def _views(
+    world: World,
+    geometry: EquirectangularGeometry,
+    finer: int,
+    report: Callable[[int, int], None],
+    move_m: Floats | None = None,
+) -> Iterator[tuple[Camera, Floats]]:
+    """Six cameras around an eye, and the rotation of each."""
+    edge_px = math.ceil(finer * geometry.width_px / math.pi)
+    edge = edge_px + 2 * _MARGIN_PX
+    view = Flat(distance_px=edge_px / 2).of(edge, edge)
+    for number, turned in enumerate(_faces()):
+        yield view_camera(world, view, turned, np.zeros(3) if move_m is None else move_m), turned
+        report(number + 1, 6)
+
+
+def level_pose(world: World) -> NDArray[np.float64]:
     """The viewpoint's pose, its direction turned to the horizon."""
     place = np.asarray(world.viewpoint.position_m, np.float64)
     ahead = np.asarray(world.viewpoint.look_at_m, np.float64) - place
@@ -99,27 +171,48 @@ def _faces() -> list[NDArray[np.float64]]:
     return [*around, up, up.T]
 
 
-def _add_face(
-    total: Colour,
-    seen: Colour,
-    camera: Camera,
-    turned: NDArray[np.float64],
-    geometry: EquirectangularGeometry,
-) -> None:
-    """Add a face's samples to the panorama where it is the nearest of the six."""
+def _samples(
+    turned: Floats, geometry: EquirectangularGeometry, finer: int
+) -> Iterator[tuple[slice, Bools, Floats]]:
+    """Samples of a panorama's pixels to which a face is the nearest of the six.
+
+    Rows, which of their pixels, and rays in the face's axes, of shape (n, 3).
+    """
     columns = np.arange(geometry.width_px)[None, :]
     axis = np.abs(turned[:, 2]).argmax()
     for first in range(0, geometry.height_px, _ROWS):
-        rows = np.arange(first, min(first + _ROWS, geometry.height_px))[:, None]
-        for sample in np.ndindex(_FINER, _FINER):
-            down, right = ((np.asarray(sample) + 0.5) / _FINER).tolist()
-            rays = geometry.directions(columns + right, rows + down)
+        rows = slice(first, min(first + _ROWS, geometry.height_px))
+        for sample in np.ndindex(finer, finer):
+            down, right = ((np.asarray(sample) + 0.5) / finer).tolist()
+            y = np.arange(rows.start, rows.stop)[:, None] + down
+            rays = geometry.directions(columns + right, y)
             ahead = rays @ turned[:, 2]  # the largest of the six where the face is the nearest
             inside = (np.abs(rays).argmax(axis=-1) == axis) & (ahead > 0)
-            local = rays[inside] @ turned
-            x = camera.cx_px + camera.fx_px * local[:, 0] / local[:, 2] - 0.5
-            y = camera.cy_px + camera.fy_px * local[:, 1] / local[:, 2] - 0.5
-            total[first : first + _ROWS][inside] += _between(seen, x, y)
+            yield rows, inside, rays[inside] @ turned
+
+
+def _places(camera: Camera, rays: Floats) -> tuple[Floats, Floats]:
+    """Places in a camera's picture, counted from the first pixel's middle."""
+    x = camera.cx_px + camera.fx_px * rays[:, 0] / rays[:, 2] - 0.5
+    y = camera.cy_px + camera.fy_px * rays[:, 1] / rays[:, 2] - 0.5
+    return x, y
+
+
+def _carried_on(picture: Colour, x: Floats, y: Floats) -> Colour:
+    """Values at places counted from the first pixel's middle, of the nearest pixel's own surface.
+
+    Of the steps to both sides the lesser is the surface's, and none if they disagree: colours of a
+    plane, and its nearness, which is linear in a picture, are exact.
+    """
+    column, row = np.rint(x).astype(int), np.rint(y).astype(int)
+    here = picture[row, column]
+    found = here.copy()
+    for down, right, aside in ((0, 1, x - column), (1, 0, y - row)):
+        before = here - picture[row - down, column - right]
+        after = picture[row + down, column + right] - here
+        lesser = np.where(np.abs(before) < np.abs(after), before, after)
+        found += np.where(before * after > 0, lesser, 0) * aside[:, None]
+    return np.asarray(found, np.float32)
 
 
 def _between(picture: Colour, x: NDArray[np.float64], y: NDArray[np.float64]) -> Colour:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +12,11 @@ import moderngl
 import numpy as np
 
 from pipeline.errors import InputError
+from pipeline.foveation.geometry import EquirectangularGeometry, Flat, pixel_centres
+from pipeline.foveation.view import flat_view, turn
 from pipeline.frame import SourceFrame
 from pipeline.pictures import drawing
+from pipeline.pictures.panorama_file import load_panorama
 from protocols.recipes.warped_clips import CameraView
 from stimuli.rendering.open_scene import vector_text, view_line, viewpoint_of
 from stimuli.rendering.render import WorldRenderer
@@ -30,6 +34,7 @@ SMALL_PX = (96, 72)
 TILE_PX = (480, 360)
 EYE_HEIGHT_M = 1.6
 LEAST_SEEN = 0.8  # share of a view that must not be background
+SPREAD = (0.7548777, 0.5698403)  # steps of directions that fill a square evenly (R2 of Roberts)
 LEAST_NEAR = 0.02  # of the scene's radius: nothing may fill the view
 
 
@@ -147,6 +152,35 @@ def look_around(
     out.parent.mkdir(parents=True, exist_ok=True)
     drawing.save_picture(out, drawing.sheet(tiles))
     return lines + light
+
+
+def look_out(panorama: Path, out: Path, count: int) -> list[str]:
+    """Draw directions of a panorama with distance into `out`; a line of a protocol for each.
+
+    The directions spread over the sphere, the middle first.
+
+    Raises
+    ------
+    InputError, OSError
+        As `load_panorama`.
+    """
+    frame = load_panorama(panorama)
+    height, width = frame.distance_m.shape
+    view = Flat(width_deg=90).of(TILE_PX[1], TILE_PX[1])
+    tiles, lines = [], []
+    for number in range(count):
+        across, up = ((number * step + 0.5) % 1 for step in SPREAD)
+        right, down = round(360 * across - 180), round(math.degrees(math.asin(2 * up - 1)))
+        rays = view.directions(*pixel_centres(view)) @ turn(right, down).T
+        x, y = EquirectangularGeometry(width, height).positions(rays)
+        seen_m = frame.distance_m[y.astype(int).clip(0, height - 1), x.astype(int) % width]
+        shown = flat_view(frame.colour, view, right_deg=right, down_deg=down)
+        near = f"{number}: near {np.percentile(seen_m, 5):.3g} m"
+        tiles.append((near, drawing.of_colour(shown)))
+        lines.append(f"{number}: right_deg = {right}, down_deg = {down}")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    drawing.save_picture(out, drawing.sheet(tiles))
+    return lines
 
 
 def _best(

@@ -137,7 +137,12 @@ class LightingOptions:
 
 @app.command()
 def look(
-    scene: Annotated[str, typer.Argument(help="A .glb or .gltf file, or a built-in scene's name.")],
+    scene: Annotated[
+        str,
+        typer.Argument(
+            help="A .glb or .gltf file, a built-in scene's name, or an .exr panorama with distance."
+        ),
+    ],
     out: Annotated[Path, typer.Option(help="Contact sheet to write, .png.")] = Path("views.png"),
     scale: Annotated[float, typer.Option(help="Metres per unit of the file.")] = 1.0,
     views: Annotated[int, typer.Option(min=1, max=64, help="Number of views to draw.")] = 12,
@@ -167,11 +172,17 @@ def look(
     """
     from pipeline.gl.context import lent_context
     from protocols.load import parse_view
-    from stimuli.rendering.scene_views import LIGHTINGS, ScenePreview, look_around
+    from stimuli.rendering.scene_views import LIGHTINGS, ScenePreview, look_around, look_out
 
     kind = None if light.lighting is None else one_of("--lighting", light.lighting, LIGHTINGS)
     if out.suffix.lower() != ".png":
         raise StudyError(f"{out}: must end in .png")
+    if Path(scene).suffix.lower() == ".exr":
+        if view or kind or light.sun_direction:
+            raise StudyError(f"{scene}: a panorama has one place and its own light; give --views")
+        say("\n".join(look_out(Path(scene), out, views)))
+        say(f"wrote {out}")
+        return
     chosen = [parse_view(line) for line in view or ()]
     preview = ScenePreview(scene, scale, seed, chosen, kind, light.sun_direction)
     notes: list[str] = []
@@ -188,10 +199,21 @@ def look(
 @app.command()
 def panorama(
     scene: Annotated[str, typer.Argument(help="A built-in scene's name, or a .glb or .gltf file.")],
-    out: Annotated[Path, typer.Option(help="Picture to write, .png.")],
+    out: Annotated[Path, typer.Option(help="Picture to write, .png; with --depth .exr.")],
     height_px: Annotated[
-        int, typer.Option(help="Height, 16 to 4096; the panorama is twice as wide.")
+        int,
+        typer.Option(
+            help="Height, 16 to 4096, with --depth to 2048; the panorama is twice as wide."
+        ),
     ] = 2048,
+    depth: Annotated[
+        bool,
+        typer.Option(
+            "--depth",
+            help="Write the distance along each pixel's ray too, one sample a pixel, as 'warp"
+            " --panorama' and scenes of kind around need it.",
+        ),
+    ] = False,
     scale: Annotated[float, typer.Option(help="Metres per unit of the file.")] = 1.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of a built-in scene.")] = 1,
     view: Annotated[
@@ -212,28 +234,41 @@ def panorama(
         metamerlab stimuli panorama street --out street-360.png
 
         metamerlab stimuli panorama place.glb --out place-360.png --height-px 1024
+
+        metamerlab stimuli panorama colonnade --depth --out colonnade-360.exr --height-px 1024
     """
     from pipeline.gl.context import lent_context
     from pipeline.pictures.drawing import of_colour, save_picture
+    from pipeline.pictures.panorama_file import save_panorama
     from protocols.load import parse_view
     from stimuli.rendering.open_scene import viewpoint_of
-    from stimuli.rendering.render_panorama import panorama_of
+    from stimuli.rendering.render import WorldRenderer
+    from stimuli.rendering.render_panorama import panorama_of, surroundings_of
     from stimuli.rendering.scene_views import ScenePreview
 
-    if out.suffix.lower() != ".png":
-        raise StudyError(f"{out}: must end in .png")
+    if out.suffix.lower() != (".exr" if depth else ".png"):
+        raise StudyError(f"{out}: must end in {'.exr, with --depth' if depth else '.png'}")
     world = ScenePreview(scene, scale, seed).world()
     say_notes(world.notes)
     if view is not None:
         world = world.seen_from(viewpoint_of(parse_view(view), world))
+
+    def told(done: int, total: int) -> None:
+        report(done, total, "looking around")
+
     with lent_context() as ctx, progress_line("looking around") as report:
-        colour = panorama_of(
-            ctx, world, height_px,
-            report=lambda done, total: report(done, total, "looking around"),
-        )  # fmt: skip
+        if depth:
+            renderer = WorldRenderer(ctx, world)
+            frame = surroundings_of(renderer, height_px, report=told)
+            renderer.release()
+        else:
+            colour = panorama_of(ctx, world, height_px, report=told)
     out.parent.mkdir(parents=True, exist_ok=True)
-    save_picture(out, of_colour(colour))
-    say(f"wrote {out}: {colour.shape[1]} x {colour.shape[0]} px")
+    if depth:
+        save_panorama(out, frame)
+    else:
+        save_picture(out, of_colour(colour))
+    say(f"wrote {out}: {2 * height_px} x {height_px} px")
 
 
 app.command()(score)

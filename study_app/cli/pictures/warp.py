@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 DEFAULT_METHOD = "metameric"
 _SOURCE_HELP = (
     "A file of colour, depth and flow (.exr); a picture with motion (--flow) or with depth and"
-    " two poses (--depth); an image of a stereo pair (with --disparity); any picture with a mask"
-    " of its holes (--mask); or a built-in pair: motorcycle."
+    " two poses (--depth); an image of a stereo pair (with --disparity); a panorama with distance"
+    " (--panorama); any picture with a mask of its holes (--mask); or a built-in pair: motorcycle."
 )
 
 
@@ -79,7 +79,7 @@ def warp(
     """Warp one picture and fill its holes.
 
     Holes are pixels that the new view shows and the old one did not see.
-    If the true view is known (--truth, --right), the fill is measured inside them.
+    If the true view is known (--truth, --right, builtin:SCENE), the fill is measured inside them.
 
     Examples:
 
@@ -101,6 +101,11 @@ def warp(
         metamerlab warp photo.png out.png --depth depth.png -m coherence-transport
         --set fovea_deg=5 --gaze 300,250
 
+        metamerlab warp around.exr out.png --panorama --move 0.2,0,-0.1 --look 90,-30
+        --around moved.png
+
+        metamerlab warp builtin:street --panorama --move 0.2,0,0 --compare sheet.png
+
         metamerlab warp frame10.png out.png --flow flow10.flo --truth frame11.png
 
         metamerlab warp 1.png out.png --depth 1.pgm --depth-scale 0.001
@@ -115,7 +120,11 @@ def warp(
     given = given.with_unknown()
     choices = _choices(method.methods, method.settings, looks.compare is not None)
     check_outputs(
-        {"OUT": (out, FILE_ENDINGS), "--compare": (looks.compare, (".png",))},
+        {
+            "OUT": (out, FILE_ENDINGS),
+            "--around": (given.panorama.around, FILE_ENDINGS),
+            "--compare": (looks.compare, (".png",)),
+        },
         [looks.steps],
         [Path(source), *given.files],
     )
@@ -126,6 +135,8 @@ def warp(
     loaded = replace(loaded, settings=replace(loaded.settings, **asked))
     choices, seen = _look(choices, loaded, eye)
     _run(loaded, choices, method.seed, out, looks, seen)
+    if given.panorama.around is not None:
+        _write_around(given.panorama.around, loaded, choices[0], method.seed)
 
 
 def _run(
@@ -179,6 +190,24 @@ def _run(
         console.print(f"wrote {len(written)} pictures to {steps}; begin with {written[-1]}")
 
 
+def _write_around(path: Path, loaded: LoadedSource, choice: Choice, seed: int) -> None:
+    """Write the whole panorama from the moved eye."""
+    from pipeline.methods.moved_panorama import move_panorama
+    from pipeline.pictures.colour_file import save_colour
+
+    assert loaded.around is not None
+    console = PlainConsole(soft_wrap=True)
+    with renderer(console, False) as ctx, console.status("filling all around ..."):
+        colour = move_panorama(
+            loaded.around, loaded.move_m, choice.name, seed=seed, settings=loaded.settings,
+            ctx=ctx, **choice.parameters,
+        )  # fmt: skip
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save_colour(path, colour)
+    height, width = colour.shape[:2]
+    console.print(f"wrote {path} ({choice.label}, {width} x {height} px)")
+
+
 def _choices(methods: list[str] | None, settings: list[str] | None, compare: bool) -> list[Choice]:
     from pipeline.methods.registry import METHODS, check_method, method_parameters
     from pipeline.named_classes import Choice
@@ -218,8 +247,9 @@ def _look(
         raise StudyError(
             "--true-within needs the true view: give --truth, or --right with a stereo pair"
         )
-    height, width = loaded.frame.source.colour.shape[:2]
-    looking = StatedViewing(display=eye.display, fov_deg=eye.fov).of((height, width))
+    height, width = loaded.frame.size
+    fov_deg = loaded.view_deg if eye.fov is None and eye.display is None else eye.fov
+    looking = StatedViewing(display=eye.display, fov_deg=fov_deg).of((height, width))
     geometry = looking.geometry
     assert isinstance(geometry, FlatGeometry)
     say(looking.words)

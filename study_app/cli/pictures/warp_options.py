@@ -41,9 +41,9 @@ class PictureOptions:
     --flow."""
     depth_scale: float = 1.0
     """Metres per unit of --depth: 0.001 for millimetres."""
-    depth_is: str = "distance"
-    """Meaning of --depth: distance (along the optical axis), inverse (1 / distance) or ray
-    (distance along each pixel's ray)."""
+    depth_is: str | None = None
+    r"""Meaning of --depth: distance (along the optical axis), inverse (1 / distance) or ray
+    (distance along each pixel's ray). \[default: distance; ray of a panorama]"""
     nearer: str = "fast"
     """Surface in front if --flow comes without --depth: fast (what moves faster) or none."""
     camera: Annotated[str | None, typer.Option(metavar="FX,FY,CX,CY")] = None
@@ -87,11 +87,32 @@ class PairOptions:
 
 
 @dataclass(frozen=True)
+class PanoramaOptions:
+    """Options of a panorama with distance; see `pipeline.methods.moved_panorama`."""
+
+    panel: ClassVar = "Panorama with distance"
+
+    panorama: bool = False
+    """SOURCE is equirectangular and has distances: an .exr file, a picture with --depth, or
+    builtin:SCENE, whose true view is known."""
+    move: Annotated[str | None, typer.Option(metavar="X,Y,Z")] = None
+    r"""Move of the eye in metres: right, down, and to the panorama's middle. \[default: 0,0,0]"""
+    look: Annotated[str | None, typer.Option(metavar="RIGHT,DOWN")] = None
+    r"""Direction of the new view in degrees, from the panorama's middle. \[default: 0,0]"""
+    view_deg: float | None = None
+    r"""Visual angle of the new view, which is square. \[default: 90]"""
+    around: Path | None = None
+    """Write the whole panorama from the moved eye too, filled by the first method, .png or .exr, as
+    a headset shows it."""
+
+
+@dataclass(frozen=True)
 class SourceOptions:
     """Statements on SOURCE, of whatever kind it is."""
 
     file: FileOptions
     picture: PictureOptions
+    panorama: PanoramaOptions
     unknown: Annotated[list[str] | None, typer.Option(metavar="NUMBER")] = None
     """A number in --depth or --disparity that stands for unknown, as it is stored; may be repeated.
     none: no further number does."""

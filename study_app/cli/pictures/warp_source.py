@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypedDict
@@ -11,11 +12,13 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frame import SourceFrame, check_file_size
+from pipeline.foveation.view import SCORED_DEG, square_view
+from pipeline.frame import PanoramaFrame, SourceFrame, check_file_size
 from pipeline.pictures.channels import Channels
 from pipeline.pictures.colour_file import Transfer, load_colour
 from pipeline.pictures.depth_and_flow import DEPTH_IS, DepthIs
 from pipeline.pictures.header import check_fits
+from pipeline.pictures.panorama_file import load_panorama
 from pipeline.pictures.warp_input import (
     NEARER,
     WarpInput,
@@ -26,9 +29,13 @@ from pipeline.pictures.warp_input import (
     motion_between,
     read_pose,
 )
+from pipeline.warp.around import Outlook, seen_from
 from pipeline.warp.settings import WarpSettings
-from protocols.errors import StudyError
+from protocols.errors import StudyError, must_be_one_of
 from protocols.plausible_numbers import hardly_meant
+from protocols.recipes.warped_clips import AroundScene, LinePath
+from stimuli.scenes.builtin_pictures import SEED
+from stimuli.scenes.builtin_scenes import scene_names
 from stimuli.scenes.pair_check import judge_pair
 from stimuli.scenes.stereo import BUILT_IN, PAIR_WARP, StereoPair, built_in_pair, load_pair
 from stimuli.scenes.truth_check import (
@@ -45,11 +52,13 @@ from study_app.cli.options import one_of
 from study_app.cli.pictures.warp_options import (
     FileOptions,
     PairOptions,
+    PanoramaOptions,
     PictureOptions,
     SourceOptions,
 )
 from study_app.cli.terminal import say
 
+BUILTIN = "builtin:"
 DEFAULT_PARALLAX = 0.03
 """Parallax of near things, in widths of the picture."""
 
@@ -74,6 +83,11 @@ class LoadedSource:
     """Pixels to fill besides those that the warp uncovers."""
     readings: Readings = no_readings
     """Other readings of the files, if the warp does not show what the true view shows."""
+    around: PanoramaFrame | None = None
+    """Panorama that the frame looks out of, and the move of the eye."""
+    move_m: tuple[float, ...] = (0.0, 0.0, 0.0)
+    view_deg: float | None = None
+    """Visual angle of the frame's width, where the source tells it."""
     words: str | None = None
     """Line on how far pixels move, and what would make it wrong; for whoever has no true view."""
 
@@ -103,10 +117,14 @@ def load(source: str, given: SourceOptions) -> LoadedSource:
                 " file in its place, such as photo.png"
             )
     one_of("--nearer", picture.nearer, NEARER)
-    one_of("--depth-is", picture.depth_is, DEPTH_IS)
+    one_of("--depth-is", picture.depth_is or "distance", DEPTH_IS)
+    if given.panorama != PanoramaOptions() and not given.panorama.panorama:
+        raise StudyError("--move, --look, --view-deg and --around need --panorama; add it")
     for path in filter(None, (Path(source), truth, pair.right, mask)):
         check_fits(path, "warp")
-    if mask is None:
+    if given.panorama.panorama:
+        loaded = _load_around(source, given)
+    elif mask is None:
         loaded = _load(source, file, pair, picture)
     elif (pair, picture) != (PairOptions(), PictureOptions()):
         raise StudyError(
@@ -120,11 +138,80 @@ def load(source: str, given: SourceOptions) -> LoadedSource:
             say(loaded.words)
         return loaded
     shown = _load_colour(truth, file)
-    check_file_size(truth, shown, source, loaded.frame.source.colour)
+    check_file_size(truth, shown, f"the view of {source}", np.empty(loaded.frame.size))
     known = None if loaded.hole is None else ~loaded.hole
     verdict = judge_truth(loaded.frame, shown, loaded.readings, known)
     _obey(verdict, f"{truth}: {verdict}", "--truth")
     return replace(loaded, truth=shown)
+
+
+def _load_around(source: str, given: SourceOptions) -> LoadedSource:
+    """A flat view out of a panorama with distance; of a built-in scene with its truth."""
+    asked, file, picture = given.panorama, given.file, given.picture
+    plain = replace(picture, depth=None, depth_scale=1.0, depth_is=None, unknown=None)
+    if plain != PictureOptions() or given.pair != PairOptions() or given.mask is not None:
+        raise StudyError(
+            "--panorama takes --depth, --depth-scale, --depth-is and --unknown; --move and --look"
+            " say where the eye is: leave out --mask, --flow, --camera, poses, --parallax, and"
+            " options of stereo pairs"
+        )
+    move_m = _numbers("--move", asked.move, (0.0, 0.0, 0.0), "X,Y,Z in metres, such as 0.2,0,-0.1")
+    words = "RIGHT,DOWN in degrees, such as 90,-30"
+    right, down = _numbers("--look", asked.look, (0.0, 0.0), words)
+    view_deg = asked.view_deg or SCORED_DEG
+    truth = None
+    if source.startswith(BUILTIN):
+        if picture != PictureOptions() or file != FileOptions():
+            raise StudyError(f"{source}: brings its own distances; leave options of files out")
+        frame, truth = _draw_around(source.removeprefix(BUILTIN), (right, down), view_deg, move_m)
+    else:
+        frame = load_panorama(
+            Path(source), picture.depth, depth_scale=picture.depth_scale,
+            depth_is=one_of("--depth-is", picture.depth_is or "ray", DEPTH_IS),
+            unknown=picture.unknown, channels=_channels(file.channels),
+            transfer=Transfer.ENCODED if file.encoded else None, clip=file.clip,
+        )  # fmt: skip
+    geometry = square_view(frame.distance_m.shape[1], view_deg)
+    made = seen_from(frame, Outlook.towards(geometry, move_m, right, down))
+    near_m = float(np.percentile(frame.distance_m, 5))
+    words = f"the eye moves by {math.hypot(*move_m):.3g} m; what is near is {near_m:.3g} m away"
+    told = LoadedSource(made, WarpSettings(), truth, words=words)
+    return replace(told, around=frame, move_m=move_m, view_deg=view_deg)
+
+
+def _draw_around(
+    name: str, look_deg: tuple[float, float], view_deg: float, move_m: tuple[float, ...]
+) -> tuple[PanoramaFrame, NDArray[np.float32]]:
+    """Draw a built-in scene all around, and what an eye sees of it that has moved."""
+    from pipeline.gl.context import lent_context
+    from stimuli.rendering.open_scene import open_renderer
+    from stimuli.scenes.surroundings import open_around
+
+    if name not in scene_names():
+        raise StudyError(must_be_one_of("a built-in scene", name, scene_names()))
+    scene = AroundScene(
+        kind="around", name=name, builtin=name, seed=SEED, camera=LinePath(kind="line"),
+        right_deg=look_deg[0], down_deg=look_deg[1], view_deg=view_deg, parameters={},
+    )  # fmt: skip
+    with lent_context() as ctx:
+        scenery = open_around(scene, Path(), open_renderer(ctx, scene, Path()))
+        edge = square_view(2 * scene.height_px, scene.view_deg).width_px
+        truth = scenery.view((edge, edge), np.asarray(move_m))
+        scenery.release()
+        return scenery.frame, truth
+
+
+def _numbers(
+    option: str, text: str | None, default: tuple[float, ...], words: str
+) -> tuple[float, ...]:
+    """Read numbers that commas part, as many as `default` has."""
+    if text is None:
+        return default
+    with suppress(ValueError):
+        found = tuple(float(part) for part in text.split(","))
+        if len(found) == len(default) and all(map(math.isfinite, found)):
+            return found
+    raise StudyError(f"{option} must be {words} (got {text!r})")
 
 
 def _load_colour(path: Path, file: FileOptions) -> NDArray[np.float32]:
@@ -189,7 +276,7 @@ def _load_picture(path: Path, options: PictureOptions) -> LoadedSource:
     moved = (options.camera, options.pose, options.target_pose)
     told: _DepthFile = {
         "depth_scale": options.depth_scale,
-        "depth_is": one_of("--depth-is", options.depth_is, DEPTH_IS),
+        "depth_is": one_of("--depth-is", options.depth_is or "distance", DEPTH_IS),
         "unknown": options.unknown,
     }
     if options.flow is not None:
@@ -230,7 +317,9 @@ def _load_picture(path: Path, options: PictureOptions) -> LoadedSource:
         np.eye(4) if options.pose is None else read_pose(options.pose),
         read_pose(options.target_pose),
     )
-    lens = _intrinsics(options.camera)
+    words = "FX,FY,CX,CY in pixels, such as 518,519,325.5,253.5"
+    fx, fy, cx, cy = _numbers("--camera", options.camera, (0.0, 0.0, 0.0, 0.0), words)
+    lens = fx, fy, cx, cy
     frame = from_depth(
         path, options.depth, intrinsics_px=lens, pose=poses[0], target_pose=poses[1], **told
     )
@@ -244,7 +333,7 @@ def _load_picture(path: Path, options: PictureOptions) -> LoadedSource:
     elif near_px < 1:
         words += "; that is less than a pixel: are depth (--depth-scale) and poses in metres?"
     readings = pose_readings(
-        depth_m, lens, poses, depth_scale=options.depth_scale, depth_is=options.depth_is
+        depth_m, lens, poses, depth_scale=options.depth_scale, depth_is=told["depth_is"]
     )
     return LoadedSource(frame, PAIR_WARP, None, readings=readings, words=words)
 
@@ -254,16 +343,6 @@ def _nearer(options: PictureOptions) -> str:
     inverse = options.depth_is == "inverse"
     near, other = ("large", "distance") if inverse else ("small", "inverse")
     return f"; {near} numbers in {options.depth} are near (if not: --depth-is {other})"
-
-
-def _intrinsics(text: str) -> tuple[float, float, float, float]:
-    try:
-        fx_px, fy_px, cx_px, cy_px = (float(part) for part in text.split(","))
-    except ValueError:
-        raise StudyError(
-            f"--camera must be FX,FY,CX,CY in pixels, such as 518,519,325.5,253.5 (got {text!r})"
-        ) from None
-    return fx_px, fy_px, cx_px, cy_px
 
 
 def _load_pair(source: str, options: PairOptions) -> StereoPair:

@@ -38,6 +38,7 @@ from pipeline.methods.onnx import OnnxNetwork
 from pipeline.pictures.colour_file import PictureReading, load_colour, read_any
 from pipeline.pictures.decode import read_parts
 from pipeline.pictures.depth_and_flow import load_depth, read_flow
+from pipeline.pictures.panorama_file import load_panorama
 from pipeline.pictures.stored_frames import read_frames, read_picture
 from pipeline.pictures.warp_input import load_warp_input, read_pose
 from pipeline.pictures.write import write_pixels
@@ -159,6 +160,7 @@ READERS: tuple[Reader, ...] = (
     Reader("depth-png", "d.png", mutations.PNG, partial(load_depth, scale=0.001)),
     Reader("exr-parts", "w.exr", mutations.RAW, read_parts, _anything),
     Reader("exr-warp-input", "w.exr", mutations.RAW, load_warp_input, _lost),
+    Reader("exr-panorama", "around.exr", mutations.RAW, load_panorama, _lost),
     Reader("pfm", "d.pfm", mutations.PLAIN, load_plane, _anything),
     Reader("numpy-npy", "d.npy", mutations.RAW, load_plane, _anything),
     Reader("numpy-npz", "d.npz", mutations.ZIPPED, load_plane, _anything),
@@ -258,6 +260,7 @@ def write_samples(folder: Path) -> None:
     planes = np.dstack([rng.random((height, width, 3), np.float32), depth,
                         rng.normal(0, 2, (height, width, 2)).astype(np.float32)])  # fmt: skip
     write_pixels(folder / "w.exr", planes, ("R", "G", "B", "Z", "flow.x", "flow.y"))
+    write_pixels(folder / "around.exr", np.full((8, 16, 4), 0.5, np.float32), "RGBZ")
     head = f"Pf\n{width} {height}\n-1.0\n".encode()
     (folder / "d.pfm").write_bytes(head + depth.tobytes())
     np.save(folder / "d.npy", depth)
