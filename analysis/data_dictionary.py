@@ -39,6 +39,8 @@ SESSION_COLUMNS = (
     Column("refresh_hz", "number", "Hz", "Refresh rate of the display, at the session's beginning"),
     Column("refresh_changes", "text", "", "Later refresh rates in a browser; empty: none"),
     Column("time_off_s", "number", "s", "Largest difference of a time from the study's; browsers"),
+    Column("headset", "text", "", "Kind of the headset's controllers; empty: a screen"),
+    Column("head_turn_deg", "number", "deg", "Largest turn of the head in decided main trials"),
     Column("gaze_mode", "text", "", "enforce, warn, monitor or none"),
     Column("timing_evidence", "text", "", "Evidence for the time stamps"),
     Column("protocol_sha256", "text", "", "Hash of the protocol"),

@@ -234,6 +234,8 @@ def _session_row(
     ends = [event for event in journal.events if isinstance(event, SessionEnd)]
     refused = any(isinstance(event, Consent) and not event.agreed for event in journal.events)
     checks = [event for event in journal.events if isinstance(event, Calibration)]
+    decided = [attempt for attempt in journal.attempts if attempt.decides]
+    turns = [one.head_turn_deg for one in decided if one.head_turn_deg is not None]
 
     def column(key: str, how: str) -> object:
         if main.empty or main[key].isna().all():
@@ -265,6 +267,8 @@ def _session_row(
         "refresh_hz": start.refresh_hz,
         "refresh_changes": "; ".join(journal.rate_changes),
         "time_off_s": journal.time_off_s,
+        "headset": start.headset.profile if start.headset else "",
+        "head_turn_deg": max(turns, default=None),
         "gaze_mode": start.gaze_mode,
         "timing_evidence": start.timing_evidence,
         "protocol_sha256": start.protocol_sha256,

@@ -117,8 +117,30 @@ class BrowserWindow(Model):
     full_screen: bool
 
 
-class Machine(BrowserWindow):
+class HeadsetView(Model):
+    """The view of one eye: its pixels, and the part of the world that it shows."""
+
+    eye: Literal["left", "right", "none"]
+    size_px: tuple[Pixels, Pixels]
+    tangents: tuple[float, float, float, float]
+    """Tangents of the angles from straight ahead to its left, right, lower and upper edge: left and
+    down are below 0."""
+
+
+class HeadsetDevice(Model):
+    """A headset as its browser tells it."""
+
+    profile: Text
+    """Name of its controllers' kind, by the registry of WebXR; `unknown` where they tell none."""
+    views: tuple[HeadsetView, ...]
+    eye_distance_m: Annotated[float, Field(ge=0, le=0.2)]
+    """Distance of the two views' places, to a millimetre."""
+
+
+class Machine(BrowserWindow, ExtendedModel):
     """Machine as the gate found it: nothing that tells one person from another."""
+
+    added_later: ClassVar[tuple[str, ...]] = ("headset",)
 
     browser: Text
     """Name and main version."""
@@ -130,6 +152,8 @@ class Machine(BrowserWindow):
     touch: bool
     simulated: bool = False
     """True if no person took part: an artificial observer drove the page."""
+    headset: HeadsetDevice | None = None
+    """The headset. Left out where the study ran on a screen."""
 
 
 class RemoteStart(ExtendedModel):
@@ -202,6 +226,11 @@ class SessionStart(Event, ExtendedModel):
     `virtual`, or in a browser `animation frame`."""
     remote: Remote | None = None
     """The session ran in the participant's own browser. Left out where it ran at a desk."""
+
+    @property
+    def headset(self) -> HeadsetDevice | None:
+        """Headset that it ran in; None where it ran on a screen."""
+        return self.remote.machine.headset if self.remote else None
 
 
 class SessionResume(Event, ExtendedModel):
@@ -410,8 +439,19 @@ class Attempt(AttemptOutcome, ExtendedModel):
     as in a void attempt."""
     live: LiveFrames | None = None
     """Age of gaze in frames that were drawn to it. Left out where there were none."""
+    head_turn_deg: Annotated[float, Field(ge=0, le=180)] | None = None
+    """Largest angle of the head from straight ahead in watched phases. Left out without a
+    headset."""
+    poses_file: SideFile | None = None
+    """Every flip: CSV with flip (number), x, y, z, w (the head's pose, in whole numbers) and
+    turn_deg (empty: not tracked). Left out without a headset."""
 
-    added_later: ClassVar[tuple[str, ...]] = ("further", "live")
+    added_later: ClassVar[tuple[str, ...]] = ("further", "live", "head_turn_deg", "poses_file")
+
+    @property
+    def side_files(self) -> tuple[SideFile, ...]:
+        """Every file that it names."""
+        return tuple(filter(None, (self.gaze_file, self.flips_file, self.poses_file)))
 
     @property
     def decides(self) -> bool:

@@ -374,9 +374,7 @@ def _named(journal: Journal) -> Iterator[tuple[Path, SideFile | DisplayReport]]:
     root = beside.absolute().parent.parent
     for event in journal.events:
         if isinstance(event, Attempt):
-            for side in (event.gaze_file, event.flips_file):
-                if side is not None:
-                    yield beside, side
+            yield from ((beside, side) for side in event.side_files)
         elif isinstance(event, Note) and event.file is not None:
             yield beside, event.file
         elif isinstance(event, SessionStart | SessionResume) and event.display_report is not None:

@@ -1,7 +1,7 @@
 """Places: which sessions ran in participants' own browsers, and what differs from the lab."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import hypot
 from operator import attrgetter
@@ -40,9 +40,10 @@ _TABLE_ONLY = "the table does not say"
 class Place:
     """Sessions of one place whose decisions were analysed.
 
-    `refresh_hz`, `timing_evidence` and `gaze_mode` count sessions by what they were recorded with;
-    empty for a table, which does not say. `time_off_s` is how far a time was from the study's at
-    most, where refreshes asked for it. `rate_changes` names sessions that went on at another rate.
+    `refresh_hz`, `timing_evidence`, `gaze_mode` and `headset` count sessions by what they were
+    recorded with; empty for a table, which does not say. `time_off_s` is how far a time was from
+    the study's at most, where refreshes asked for it. `rate_changes` names sessions that went on at
+    another rate. `head_turn_deg` is how far a head turned at most while stimuli were watched.
     """
 
     name: str
@@ -54,6 +55,8 @@ class Place:
     gaze_mode: Mapping[str, int]
     time_off_s: float | None
     rate_changes: tuple[str, ...] = ()
+    headset: Mapping[str, int] = field(default_factory=dict)
+    head_turn_deg: float | None = None
 
 
 @dataclass(frozen=True)
@@ -181,6 +184,8 @@ class PlacesPart(Part[AnalysisPlan, Places]):
             counted("gaze_mode"),
             None if own is None or name == LAB else float(own["time_off_s"].max()),
             () if own is None else _changed(own),
+            {kind: count for kind, count in counted("headset").items() if kind},
+            None if own is None else _largest(own["head_turn_deg"]),
         )
 
 
@@ -189,6 +194,12 @@ def _changed(sessions: pd.DataFrame) -> tuple[str, ...]:
     texts = sessions["refresh_changes"].fillna("")
     pairs = zip(sessions["session"], texts, strict=True)
     return tuple(f"{session} ({text})" for session, text in pairs if text)
+
+
+def _largest(values: pd.Series) -> float | None:
+    """Return the largest of values; None where there are none."""
+    known = values.dropna()
+    return float(known.max()) if len(known) else None
 
 
 def _places(found: Places) -> ResultTable[Place]:
@@ -208,6 +219,7 @@ def _places(found: Places) -> ResultTable[Place]:
         listed("Time stamps by", "timing_evidence"),
         listed("Gaze", "gaze_mode"),
         ResultColumn("", "", None, "time_off_s"),
+        ResultColumn("", "", None, "head_turn_deg"),
     )
 
 
@@ -247,6 +259,8 @@ def _blocks(found: Places, plan: AnalysisPlan) -> Iterator[Block]:
         " the browser's animation frame. No photodiode saw the screen; nothing watched gaze or"
         f" distance.{off}"
     )
+    if found.places[-1].headset:
+        yield Paragraph(_in_headsets(found.places[-1]))
     if changed := found.places[-1].rate_changes:
         yield Paragraph(f"Gone on at another refresh rate: {', '.join(changed)}.")
     if found.differences:
@@ -272,7 +286,22 @@ def _counted(found: Places) -> str:
     every = sum(one.sessions for one in found.places)
     rates = _listed(remote.refresh_hz, remote.sessions, " Hz")
     at = f", at {rates}" if remote.refresh_hz else ""
-    return f"{remote.sessions} of {count_of(every, 'session')} ran in participants' browsers{at}."
+    said = f"{remote.sessions} of {count_of(every, 'session')} ran in participants' browsers{at}."
+    return f"{said} {_in_headsets(remote)}" if remote.headset else said
+
+
+def _in_headsets(remote: Place) -> str:
+    count = sum(remote.headset.values())
+    most = remote.head_turn_deg
+    turned = (
+        ""
+        if most is None
+        else f" The head turned by at most {most:.1f} degrees from straight ahead."
+    )
+    return (
+        f"{count_of(count, 'session')} in headsets ({_listed(remote.headset, count)})."
+        f"{turned} The head's pose is not fixation: eyes move in a head that is still."
+    )
 
 
 def _sentence(one: PlaceDifference, plan: AnalysisPlan) -> str:

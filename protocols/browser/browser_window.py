@@ -1,8 +1,8 @@
-"""Windows of browsers, and what of a study is seen in them."""
+"""Windows of browsers and headsets, and what of a study is seen in them."""
 
 from __future__ import annotations
 
-from protocols.journal import BrowserWindow
+from protocols.journal import BrowserWindow, HeadsetDevice
 from protocols.script import PixelSize
 
 
@@ -18,3 +18,11 @@ def window_in_words(window: BrowserWindow) -> str:
     full = "in full screen" if window.full_screen else "not in full screen"
     ratio = f"device ratio {window.device_pixel_ratio:g}, scale {window.scale}"
     return f"window of {width} x {height} px, {ratio}, {full}"
+
+
+def headset_in_words(headset: HeadsetDevice) -> str:
+    """Return controllers, distance of the eyes, and sizes of the views of a headset."""
+    views = ", ".join(
+        f"{view.eye} {view.size_px[0]} x {view.size_px[1]} px" for view in headset.views
+    )
+    return f"{headset.profile}, eyes {1000 * headset.eye_distance_m:.0f} mm apart, {views}"

@@ -44,6 +44,17 @@ from protocols.units import (
     WebSeed,
 )
 
+Disturbance: TypeAlias = Literal[
+    "focus",
+    "hidden",
+    "full-screen",
+    "size",
+    "turned",
+    "session-end",
+    "controller-lost",
+    "head-lost",
+]
+"""Event that comes between participant and page. The last four are those of headsets."""
 Microseconds = Annotated[int, Field(ge=0, le=2**53 - 1, json_schema_extra={"unit": "µs"})]
 
 
@@ -135,10 +146,15 @@ class AttemptLine(Sent, AttemptOutcome):
     flips_us: Annotated[tuple[Microseconds, ...], FailFast()]
     """Times of flips: the first on the page's clock, each other one since that before."""
     presses: Annotated[tuple[Press, ...], FailFast()]
-    disturbed: tuple[Count, Literal["focus", "hidden", "full-screen", "size"]] | None
+    disturbed: tuple[Count, Disturbance] | None
     """After which flip something came between participant and page, and what."""
     window: BrowserWindow | None = None
-    """The window as the attempt began. Null in lines of older pages, which looked at it once."""
+    """The window as the attempt began. Null in lines of older pages, which looked at it once, and
+    of headsets."""
+    poses: Annotated[str, StringConstraints(max_length=4_000_000)] | None = None
+    """Pose of the head at each flip, as it was drawn for: Base64 of four numbers of 16 bits each,
+    the lower byte first, x, y, z, w of its unit quaternion times 32767. All 0: not tracked. Null
+    where no headset was used."""
 
 
 class AnswerLine(Sent, Answer):

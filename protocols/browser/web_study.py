@@ -421,6 +421,19 @@ class WebPages(Model):
     questions: tuple[ClosingQuestion, ...]
 
 
+class WebHeadset(Model):
+    """A study's show in a headset."""
+
+    distance_px: Annotated[float, Field(gt=0)]
+    """Distance of the flat screen from the eyes, in its pixels."""
+    around: bool
+    """Stimuli are panoramas, all around; all else is on the flat screen before them."""
+    turn_deg: Annotated[float, Field(gt=0)] | None
+    """Largest angle of the head from straight ahead in watched phases. Null: any."""
+    rates: tuple[Hertz, ...]
+    """Refresh rates of the study, the one wanted most first."""
+
+
 class WebStudy(Model):
     """The file `study.json` of an exported folder."""
 
@@ -465,6 +478,8 @@ class WebStudy(Model):
     """Parameter of the link whose value is kept."""
     completion_url: str | None
     completion_code: str | None
+    headset: WebHeadset | None = None
+    """The study runs in a headset. Null: on a screen."""
 
 
 def rates_of(study: StudyProtocol, display: Display) -> dict[float, list[str]]:
@@ -484,6 +499,8 @@ def rates_of(study: StudyProtocol, display: Display) -> dict[float, list[str]]:
     """
     study = study.in_a_browser()
     tolerance_s = study.web.tolerance_s if study.web else 0.0
+    headset = study.web.headset if study.web else None
+    wanted = headset.rates if headset else (*RATES_HZ, display.refresh_hz)
 
     def problems(rate: float) -> list[str]:
         found = [str(p) for p in timing_problems(study, display.at_rate(rate, tolerance_s))]
@@ -492,7 +509,7 @@ def rates_of(study: StudyProtocol, display: Display) -> dict[float, list[str]]:
             found[0] += f"; or declare web.tolerance_s = {wanted_s:g}"
         return found
 
-    return {rate: problems(rate) for rate in sorted({*RATES_HZ, display.refresh_hz})}
+    return {rate: problems(rate) for rate in sorted({*wanted})}
 
 
 def tolerance_for_s(study: StudyProtocol, display: Display, rate_hz: float) -> float | None:

@@ -119,6 +119,7 @@ _UNITS = {
     "px": "pixels",
     "mm": "millimetres",
     "m": "metres",
+    "MB": "megabytes",
     "cd/m2": "cd/m2",
     "share of 1": "share",
 }

@@ -24,6 +24,7 @@ from protocols.study_file.cross_check import cross_check
 from protocols.study_file.session_schema import (
     Design,
     Gaze,
+    Headset,
     Privacy,
     Response,
     StudyDisplay,
@@ -177,6 +178,11 @@ class StudyProtocol(ExtendedModel):
     def at_home(self) -> StudyProtocol:
         """Return the same study as planned for browsers: with a share of the scenes, if it says."""
         return self._beside("_at_home", True)
+
+    @property
+    def headset(self) -> Headset | None:
+        """Headset that the study runs in; None where it runs on a screen."""
+        return self.web.headset if self.web is not None else None
 
     @property
     def scene_share(self) -> float:

@@ -17,6 +17,7 @@ from protocols.units import (
     Degrees,
     ExtendedModel,
     Few,
+    Hertz,
     LanguageCode,
     Model,
     Name,
@@ -297,10 +298,28 @@ class Exclusions(Model):
     """Slower answers are left out. Default: no limit."""
 
 
+class Headset(Model):
+    """Settings of the study in a headset, by its browser (WebXR), in place of a screen.
+
+    The head's pose is not fixation: eyes move in a head that is still. Preregister these keys.
+    """
+
+    rates: Annotated[tuple[Hertz, ...], Field(min_length=1)] = (72.0, 80.0, 90.0, 120.0)
+    """Refresh rates at which it may run. The first one that a headset has is asked for."""
+    turn_deg: Annotated[float, Field(gt=0, le=180, json_schema_extra={"unit": "deg"})] | None = None
+    """Largest angle of the head from straight ahead while stimuli are watched; beyond it the trial
+    is void, and comes again. Default: any."""
+    around: bool = False
+    """Stimuli are panoramas, twice as wide as high, and are all around the participant. False:
+    they are on a flat screen, as large and as far away as that of the study's display."""
+    memory_mb: Annotated[float, Field(gt=0, le=1e5, json_schema_extra={"unit": "MB"})] = 500.0
+    """Most that the decoded stimuli of two trials may take."""
+
+
 class Web(ExtendedModel):
     """Settings of the study in a participant's own browser."""
 
-    added_later: ClassVar[tuple[str, ...]] = ("share",)
+    added_later: ClassVar[tuple[str, ...]] = ("share", "headset")
 
     gaze: Literal["none"]
     """A browser does not watch gaze: fixation is not controlled there, whatever `[gaze]` says."""
@@ -337,6 +356,8 @@ class Web(ExtendedModel):
     """Address that the last page links to. Default: none."""
     completion_code: Text | None = None
     """Code that the last page shows. Default: none."""
+    headset: Headset | None = None
+    """The study runs in a headset. Default: on a screen."""
 
 
 class Privacy(Model):

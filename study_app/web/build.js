@@ -20,13 +20,13 @@ async function licence(name) {
   return `${name} ${version} (${license}):\n${by}\n${MIT}\n`;
 }
 
-async function bundle(entry, asset) {
+async function bundle(entry, asset, format = "iife") {
   const { outputFiles, metafile } = await build({
     entryPoints: [entry],
     bundle: true,
     preserveSymlinks: true, // packages may lie elsewhere
     minify: true,
-    format: "iife",
+    format,
     target: "es2022",
     legalComments: "inline",
     metafile: true,
@@ -41,6 +41,7 @@ async function bundle(entry, asset) {
 
 await bundle("src/page.ts", "metamerlab.js");
 await bundle("src/jspsych.ts", "metamerlab-jspsych.js");
+await bundle("src/stage/headset.ts", "metamerlab-headset.js", "esm");
 for (const name of ["index.html", "metamerlab.css", "lab.html", "lab.js"]) await copyFile(`src/${name}`, `${out}/${name}`);
 // Without its fonts, half a megabyte: browsers take one of their own.
 const style = await readFile("node_modules/jspsych/css/jspsych.css", "utf8");

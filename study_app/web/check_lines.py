@@ -137,6 +137,9 @@ class LineCheck:
         if machine.scale > max(1, math.floor(machine.device_pixel_ratio + 0.5)):
             must = f"machine.scale must be that of a ratio of {machine.device_pixel_ratio:g}"
             raise wrong(line, must, machine.scale)
+        if (machine.headset is None) != (self._build.study.headset is None):
+            must = "machine.headset must be given of a headset, and only of one"
+            raise wrong(line, must, "none" if machine.headset is None else "one")
         if len(machine.browser) > _WORDS_MOST:
             must = f"machine.browser must have at most {_WORDS_MOST} characters"
             raise wrong(line, must, machine.browser)

@@ -30,6 +30,7 @@ from protocols.browser.web_study import (
     ShownPicture,
     WebDesign,
     WebEntry,
+    WebHeadset,
     WebPages,
     WebPhase,
     WebScript,
@@ -50,12 +51,16 @@ from protocols.recipes.base import SCENE
 from protocols.revision import code_revision
 from protocols.script import Drawn, Entry, Frames, Live, Picture, PixelSize, Place, TrialScript
 from protocols.study_file.schema import StudyProtocol
-from protocols.study_file.session_schema import consent_text, filled_text, key_label
+from protocols.study_file.session_schema import Headset, consent_text, filled_text, key_label
 from study_app.clips import check_files
 from study_app.paint import Bitmaps, PixelBytes, bitmaps_of, drawn
 from study_app.web.packs import Packs, write_packs
 
 PACKS, PICTURES = "packs", "pictures"
+HEADSET_PAGE = "metamerlab-headset.js"
+"""Script that only studies in headsets have."""
+LARGEST_PX = 8192
+"""Largest edge of a texture that every headset of the last years takes."""
 _Rect: TypeAlias = tuple[float, float, float, float]
 """Left and top, from the middle of the screen, width and height, px."""
 _SLOTS_LOOKED_AT = 8
@@ -110,11 +115,12 @@ class WebBuild:
         """The refresh rates at which the study runs; `StudyError` where there is none."""
         if found := tuple(rate for rate, problems in self.rates.items() if not problems):
             return found
-        first = self.rates[self.display.refresh_hz]
+        own = self.display.refresh_hz
+        rate = own if own in self.rates else min(self.rates)
         raise StudyError(
             "web: the study must run at a refresh rate that participants have (it runs at none"
             f" of {', '.join(f'{rate:g}' for rate in self.rates)} Hz); at"
-            f" {self.display.refresh_hz:g} Hz: " + "; ".join(first)
+            f" {rate:g} Hz: " + "; ".join(self.rates[rate])
         )
 
     @cached_property
@@ -235,6 +241,7 @@ class WebBuild:
         require_feasible(self.shown, self.display, self.manifest)
         check_files(stimuli, self.manifest)
         design = web_design(self.shown, self.names)
+        headset = self.headset
         check_budget(self.needs({}), self, budget_mb, decoded_mb)
         with whole_folder(out, replace=True, reads=[stimuli]) as work:
             (work / PACKS).mkdir()
@@ -244,7 +251,8 @@ class WebBuild:
             pictures = self._write_pictures(work / PICTURES)
             written = self._study_file(design, needs, packs, pictures)
             for asset in sorted(files("study_app").joinpath("web/assets").iterdir(), key=str):
-                shutil.copyfile(str(asset), work / asset.name)
+                if asset.name != HEADSET_PAGE or headset:
+                    shutil.copyfile(str(asset), work / asset.name)
             (work / STUDY_FILE).write_text(
                 written.model_dump_json(indent=1) + "\n", encoding="utf-8", newline="\n"
             )
@@ -283,9 +291,24 @@ class WebBuild:
             piece_px=PIECE_PX,
             pictures=pictures,
             decoded_bytes=needs.decoded_bytes,
+            headset=self.headset,
             **self.shown.web.model_dump(include={"identifier", "completion_url", "completion_code"})
             if self.shown.web
             else {},
+        )
+
+    @cached_property
+    def headset(self) -> WebHeadset | None:
+        """Show in a headset; `StudyError` where it cannot show the study; None for a screen."""
+        asked = self.study.headset
+        if asked is None:
+            return None
+        check_headset(self, asked)
+        return WebHeadset(
+            distance_px=self.display.distance_mm / self.display.pitch_x_mm,
+            around=asked.around,
+            turn_deg=asked.turn_deg,
+            rates=tuple(rate for rate in asked.rates if rate in self.rates_hz),
         )
 
     def page(self, language: str) -> WebPages:
@@ -458,6 +481,42 @@ def cut_out(of: Drawn, bitmaps: Bitmaps) -> tuple[PixelBytes, Place]:
     return pixels[top : rows[-1] + 1, left : columns[-1] + 1], (left, top)
 
 
+def check_headset(build: WebBuild, headset: Headset) -> None:
+    """Refuse a study that no headset can show, or no two triggers answer.
+
+    Raises
+    ------
+    StudyError
+    """
+    clip = build.stimuli[0]
+    size = f"{clip.width_px} x {clip.height_px} px"
+    if max(clip.width_px, clip.height_px) > LARGEST_PX:
+        raise StudyError(
+            f"web.headset: stimuli must have at most {LARGEST_PX} px an edge, as headsets take"
+            f" textures (got {size}); build smaller ones"
+        )
+    if headset.around and clip.width_px != 2 * clip.height_px:
+        raise StudyError(
+            "web.headset.around: stimuli must be panoramas, twice as wide as high"
+            f" (got {size}); leave around out, and they are on a flat screen"
+        )
+    for phase in (phase for script in build._all_scripts() for phase in script.phases):
+        if phase.question is not None and len(phase.question.answers) != 2:
+            answers = ", ".join(phase.question.answers)
+            raise StudyError(
+                "web.headset: every question of a trial must have two answers, one for each"
+                f" trigger (got {phase.question.name!r} with {answers}); leave it out, or ask it"
+                " after the last block"
+            )
+        shown = [entry for entry in phase.show if isinstance(entry, Frames)]
+        if headset.around and (len(shown) > 1 or any(entry.crop for entry in shown)):
+            raise StudyError(
+                "web.headset.around: a panorama must be shown whole, and one at a time (phase"
+                f" {phase.name!r} shows {len(shown)}, or a part); choose a task of one stimulus at"
+                " a time"
+            )
+
+
 def check_budget(
     needs: BrowserNeeds,
     build: WebBuild,
@@ -476,12 +535,14 @@ def check_budget(
     ------
     StudyError
     """
+    headset, in_memory = build.study.headset, "stimuli of two trials may take"
+    memory = (in_memory, needs.decoded_bytes, decoded_mb, "--decoded-mb")
+    if headset:
+        memory = (in_memory, needs.decoded_bytes, headset.memory_mb, "web.headset.memory_mb =")
+    fetched = ("one participant may fetch", needs.fetched_bytes, budget_mb, "--budget-mb")
     over = [
         (what, got / MB, most_mb, option)
-        for what, got, most_mb, option in (
-            ("one participant may fetch", needs.fetched_bytes, budget_mb, "--budget-mb"),
-            ("stimuli of two trials may take", needs.decoded_bytes, decoded_mb, "--decoded-mb"),
-        )
+        for what, got, most_mb, option in (fetched, memory)
         if got > most_mb * MB
     ]
     if not over:
@@ -497,7 +558,9 @@ def check_budget(
         "web: "
         + " and ".join(f"{what} {most:g} MB (got {got:.0f} MB)" for what, got, most, _ in over)
         + f"; what would fit: {', or '.join(fits)}; or export with "
-        + " ".join(f"{option} {np.ceil(got):.0f}" for _, got, _, option in over)
+        + (" and " if headset else " ").join(
+            f"{option} {np.ceil(got):.0f}" for _, got, _, option in over
+        )
     )
 
 

@@ -87,6 +87,7 @@ from study_app.trial import Trial
 from study_app.verification import verify
 from study_app.web.check_lines import LineCheck, wrong
 from study_app.web.export import WebBuild, stimuli_px
+from study_app.web.heads import head_of
 from study_app.web.histories import TreeLine, histories, left_by
 from study_app.web.read_results import (
     BrowserResults,
@@ -102,8 +103,11 @@ DISTURBANCES = {
     "hidden": "the page was hidden",
     "full-screen": "the page left full screen",
     "size": "the window changed its size",
+    "turned": "the head turned away",
+    "session-end": "the headset's session ended",
+    "controller-lost": "a controller was lost",
+    "head-lost": "the head was not tracked",
 }
-
 
 State: TypeAlias = Literal["imported", "continued", "already there", "set aside", "refused"]
 
@@ -507,8 +511,9 @@ class RebuiltSession:
         planned = (step.trial.id, step.attempt, step.position)
         self._check(line, ("trial", "attempt", "position"), planned, "as the plan has it")
         script = self.scripts.of(step.trial)
-        need_px = stimuli_px(script)
-        if line.outcome == "completed" and not shows_all(self._window, need_px):
+        need_px, headset = stimuli_px(script), self.study.headset
+        window_fits = headset is not None or shows_all(self._window, need_px)
+        if line.outcome == "completed" and not window_fits:
             width, height = need_px
             must = f"the window must show {width} x {height} px of an attempt that counts"
             raise wrong(line, must, window_in_words(self._window))
@@ -517,9 +522,12 @@ class RebuiltSession:
 
         def write(trial: Trial, log: AttemptLog) -> None:
             stage.written = True
-            made.append(
-                attempt_event(step, trial, log, script, self.manifest, recorder, {}, WatchedGaze())
+            watched = [script.phases[entry.phase].watched for entry in log.flips]
+            head = head_of(line, watched, headset, recorder)
+            event = attempt_event(
+                step, trial, log, script, self.manifest, recorder, {}, WatchedGaze()
             )
+            made.append(event.model_copy(update=head))
 
         try:
             run_attempt(script, stage, None, write)

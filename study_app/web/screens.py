@@ -1,10 +1,13 @@
-"""Screens that can take part in a study in browsers, and the one change that would admit most."""
+"""Screens and headsets that can take part in a study in browsers, and the one change that would
+admit most.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from protocols.browser.web_study import tolerance_for_s
+from protocols.browser.web_study import deviations_s, tolerance_for_s
+from protocols.feasibility import stated_times_s
 from protocols.script import PixelSize
 from study_app.web.export import WebBuild
 
@@ -30,6 +33,27 @@ def screen_lines(build: WebBuild) -> Iterator[str]:
     kinds, said = max(changes, key=lambda change: change[0], default=(0, ""))
     if kinds:
         yield f"one change would admit {kinds} more kinds of common screens: {said}"
+
+
+def headset_lines(build: WebBuild) -> Iterator[str]:
+    """Yield what headsets need to take part, with the times that are whole refreshes there."""
+    clip, headset = build.stimuli[0], build.headset
+    assert headset is not None
+    where = "all around" if headset.around else f"flat at {headset.distance_px:.0f} px"
+    yield (
+        f"in headsets at {_listed(headset.rates)} Hz, with textures of {clip.width_px} x"
+        f" {clip.height_px} px, {where}"
+    )
+    stated = stated_times_s(build.shown)
+    for rate in headset.rates:
+        off = deviations_s(build.shown, build.at(rate))
+        changed = {stated[key]: stated[key] + by_s for key, by_s in off.items()}
+        told = [
+            f"{1000 * time_s:g} ms are {round(real_s * rate)} refreshes, {1000 * real_s:.1f} ms"
+            for time_s, real_s in sorted(changed.items())
+        ]
+        if told:
+            yield f"at {rate:g} Hz: {'; '.join(told)}"
 
 
 def _tolerances(build: WebBuild, there: Sequence[PixelSize]) -> Iterator[tuple[int, str]]:

@@ -43,6 +43,18 @@ observer.answer = (phase) => {
 """An observer who answers by chance, and fast."""
 
 
+def iwer(kind: str, hz: float) -> tuple[str, ...]:
+    """Return scripts of a headset of a kind that iwer knows, with a participant in it."""
+    package = node_modules() / "iwer"
+    needed("iwer", package.is_dir())
+    made = (package / "build" / "iwer.min.js").read_text()
+    return (
+        f"window.HEADSET = {kind!r}; clock.hz = {hz};",
+        made,
+        (_SCRIPTS / "headset.js").read_text(),
+    )
+
+
 class Browser(Protocol):
     """A browser with one page: what `Chromium` is, and `Firefox`."""
 

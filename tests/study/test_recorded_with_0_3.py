@@ -55,8 +55,8 @@ PLAIN = (
     "quartile_low", "ratings", "scenes", "share", "trials", "trimmed_mean",
 )  # fmt: skip
 """Keys whose values are counted or averaged: no search and no draws are in them."""
-LATER = "refresh_changes"
-"""A column of sessions that came later, after `refresh_hz`, whose meaning it made narrower."""
+LATER = ("refresh_changes", "headset", "head_turn_deg")
+"""Columns of sessions that came later; the first, after `refresh_hz`, made its meaning narrower."""
 
 
 @lru_cache(maxsize=1)
@@ -121,14 +121,14 @@ def told_by(table: bytes) -> dict[str, object]:
 
 
 def as_before(tables: dict[str, bytes]) -> dict[str, object]:
-    """Return tables without the column that came later, which must say nothing."""
+    """Return tables without the columns that came later, which must say nothing."""
     texts = {name: data.decode() for name, data in tables.items()}
     rows = [*csv.reader(texts["sessions.csv"].splitlines())]
     words = [*csv.reader(texts["dictionary.csv"].splitlines())]
-    if LATER in rows[0]:
-        place = rows[0].index(LATER)
-        assert {row.pop(place) for row in rows} == {LATER, ""}
-        words = [word for word in words if word[1] != LATER]
+    for later in {*LATER} & {*rows[0]}:
+        place = rows[0].index(later)
+        assert {row.pop(place) for row in rows} == {later, ""}
+        words = [word for word in words if word[1] != later]
     for word in words:
         if word[1] == "refresh_hz":
             word[-1] = word[-1].removesuffix(", at the session's beginning")

@@ -7,12 +7,14 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from timelines import OBSERVED, TIMELINES
 from web_kernel import Kernel, running_kernel
 
+from protocols.browser import head_poses
 from protocols.browser.browser_window import shows_all
 from protocols.browser.web_study import adaptive_column, web_design
 from protocols.disk.hashing import sha256_json
@@ -83,6 +85,23 @@ def test_what_a_window_shows_is_what_python_says(kernel, window_px, need_px, sca
         }  # fmt: skip
         shown = shows_all(BrowserWindow.model_validate_json(json.dumps(window)), need_px)
         assert kernel.ask("window", window=window, need_px=need_px) == shown
+
+
+@given(
+    axes=st.lists(st.tuples(*[st.floats(-1, 1)] * 3, st.floats(0, 180)), min_size=1, max_size=9),
+    most_deg=st.floats(0.5, 180),
+)
+@SLOW
+def test_poses_of_a_head_are_what_python_says(kernel, axes, most_deg):
+    angles = np.radians([angle for *_, angle in axes])[:, None] / 2
+    along = np.array([axis for *axis, _ in axes]) + 1e-9
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    quaternions = np.hstack([along * np.sin(angles), np.cos(angles)])
+    told = kernel.ask("poses", quaternions=quaternions.tolist(), most_deg=most_deg)
+    poses = head_poses.poses_of(quaternions)
+    assert told["text"] == head_poses.encoded(poses)
+    assert (head_poses.decoded(told["text"]) == poses).all()
+    assert told["away"] == head_poses.turned_away(poses, most_deg).tolist()
 
 
 def tell(kernel: Kernel, study: StudyProtocol) -> str:

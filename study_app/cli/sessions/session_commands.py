@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+from protocols.browser.browser_window import headset_in_words
 from protocols.disk.whole_file import whole_path
 from protocols.errors import StudyError, count_of, must_be_one_of
 from protocols.journal import Attempt, SessionEnd, SessionStart
@@ -357,6 +358,7 @@ def _browser(journal: Journal) -> list[tuple[str, str]]:
             "browser",
             f"{machine.browser}, {machine.refresh_hz:g} Hz, screen pixels x{machine.scale}",
         ),
+        *([("headset", headset_in_words(machine.headset))] if machine.headset else []),
         *(("went on at", change) for change in journal.rate_changes),
         ("frames", "files hashed before they were decoded; stamped by animation frames"),
         ("times", f"up to {1000 * off_s:.3g} ms from those stated"),

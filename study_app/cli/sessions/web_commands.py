@@ -163,6 +163,11 @@ def web_check(study: StudyProtocol, screen: Display, manifest: Manifest | None) 
     web_design(study.in_a_browser().in_any_order())
     needs = build.needs()
     yield from needs_lines(build, needs)
+    if build.headset and build.headset.turn_deg is not None:
+        yield (
+            f"void beyond a turn of the head by {build.headset.turn_deg:g} deg, which is not"
+            " fixation: eyes move in a head that is still"
+        )
     if study.gaze.mode != "none":
         yield f"dropped in a browser: gaze is not watched there (gaze.mode = {study.gaze.mode!r})"
     yield "dropped in a browser: gamma and luminance of the screen, viewing distance, photodiode"
@@ -196,9 +201,9 @@ def shared_lines(build: WebBuild) -> Iterator[str]:
 
 def needs_lines(build: WebBuild, needs: BrowserNeeds) -> Iterator[str]:
     """Yield the study's needs of a browser, and what participants can read of it, in sentences."""
-    from study_app.web.screens import screen_lines
+    from study_app.web.screens import headset_lines, screen_lines
 
-    yield from screen_lines(build)
+    yield from headset_lines(build) if build.headset else screen_lines(build)
     for rate, wrong in build.rates.items():
         if wrong:
             yield f"not at {rate:g} Hz: {wrong[0]}"

@@ -2,12 +2,12 @@
 import { conduct, type Ending } from "./kernel/conduct";
 import type { WebStudy } from "./kernel/formats";
 import { LineLog, type Begun } from "./kernel/lines";
+import type { Device, Opened } from "./stage/device";
 import { FileError, fetched, Files, sha256 } from "./stage/files";
-import { checkDevice, checkKeys, machineOf, measuredRate, nearestRate, Refusal } from "./stage/gate";
+import { checkBrowser } from "./stage/gate";
 import { copyLink, firstPage, withdrawal } from "./stage/first_page";
 import { button, lineOf, showNote, showParts } from "./stage/note";
-import { Screen } from "./stage/screen";
-import { fillScreen, View } from "./stage/view";
+import { screenDevice } from "./stage/screen";
 import { filled, wordsOf, type Words } from "./stage/words";
 import { holdLink, type Hold } from "./store/one_tab";
 import { CopyingStore, JatosStore, LocalStore, insist, UnsentError, type Jatos, type Told } from "./store/stores";
@@ -63,6 +63,7 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
   const [canvas, pages] = stageElements();
   let words = wordsOf(navigator.language);
   let hold: Hold | null = null;
+  let opened: Opened | null = null;
   try {
     const told = (down: boolean) => {
       showNote(pages, down ? words.down : words.wait);
@@ -72,28 +73,20 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     hold = await held(store, pages, wordsOf(languageOf(study, link)), options.jatos);
     const past = await store.load();
     const language = past?.begun.language ?? languageOf(study, link);
-    words = wordsOf(language);
+    const device = await deviceOf(study, base);
+    words = device.words(language);
     document.documentElement.lang = language;
     document.title = study.title;
-    checkDevice(study, words);
-    await checkKeys(study, words, pages);
-    if (!(await firstPage(pages, study, language, words, store))) return "refused";
-    await fillScreen();
-    const view = new View(canvas, pages, study, words);
-    const { full_screen } = await view.fitting();
-    showNote(pages, ...(full_screen ? [] : [words.noFullScreen]), words.measuring);
-    const measured = await measuredRate();
-    const rate = nearestRate(study, words, measured.refresh_hz);
+    checkBrowser(study, words);
+    await device.check(study, words, pages);
+    if (!(await firstPage(pages, study, language, words, device, store))) return "refused";
     const files = new Files(study, base);
     files.heard = () => {
       told(files.down);
     };
-    const pictures = await files.pictures();
-    const shown = await view.fitting();
-    view.keepScale();
-    const screen = new Screen(canvas, pages, study, files, words, view, shown.scale, pictures);
-    const stamps = () => screen.stamps();
-    const machine = machineOf(measured, shown);
+    opened = await device.open({ canvas, pages, study, files, words });
+    const { stage, rate, machine } = opened;
+    const stamps = () => stage.stamps();
     const { refresh_hz } = rate;
     const lines = past
       ? await LineLog.reopened(store, study, stamps, past, refresh_hz, machine)
@@ -103,7 +96,7 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
     const hash = (text: string) => sha256(new TextEncoder().encode(text));
     let ending: Ending;
     try {
-      ending = await conduct(study, rate, lines, screen, hash);
+      ending = await conduct(study, rate, lines, stage, hash);
     } catch (error) {
       const unsent = error instanceof UnsentError;
       const what = unsent ? words.unsent : filled(words.broken, { why: messageOf(error) });
@@ -111,14 +104,17 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
       pages.append(copyLink(words.save, study.study, store.lines(), words, null));
       throw error;
     }
+    await opened.close?.();
     await options.rest?.(ending);
     await thank(study, language, words, pages, ending, store, options.jatos);
     return ending;
   } catch (error) {
+    await opened?.close?.();
     const why = messageOf(error);
-    const said = error instanceof Refusal ? [why] : [filled(words.broken, { why }), words.again];
+    const refused = error instanceof Error && error.name === "Refusal";
+    const said = refused ? [why] : [filled(words.broken, { why }), words.again];
     if (!pages.querySelector("a")) showNote(pages, ...said);
-    if (error instanceof Refusal) return "refused";
+    if (refused) return "refused";
     if (error instanceof FileError || error instanceof UnsentError) return "error";
     throw error;
   } finally {
@@ -130,6 +126,13 @@ export async function run(options: Options = {}): Promise<Ending | "refused"> {
 async function studyOf(options: Options, told: Told): Promise<[ArrayBuffer, WebStudy]> {
   const bytes = await fetched(`${options.base ?? ""}study.json`, "default", "", told);
   return [bytes, JSON.parse(new TextDecoder().decode(bytes)) as WebStudy];
+}
+
+/** The study's device. The part of the page that knows headsets is fetched only where it is used. */
+async function deviceOf(study: WebStudy, base: string): Promise<Device> {
+  if (!study.headset) return screenDevice;
+  const { href } = new URL(`${base}metamerlab-headset.js`, document.baseURI);
+  return ((await import(href)) as { headsetDevice: Device }).headsetDevice;
 }
 
 /** Without a server, a browser keeps a session for each link of each version of a study. */

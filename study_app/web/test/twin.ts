@@ -10,6 +10,7 @@ import { at } from "../src/kernel/list";
 import { nextLevel, type Answered } from "../src/kernel/adaptive";
 import { Pacer } from "../src/kernel/pacing";
 import { makePlan, type Person } from "../src/kernel/plan";
+import { encoded, poseOf, turnedAway } from "../src/kernel/poses";
 import { frameOf, type TrialScript } from "../src/kernel/script";
 import { following, nextStep, type SessionEvent } from "../src/kernel/session";
 import { showsAll } from "../src/kernel/window";
@@ -22,6 +23,7 @@ type Asked =
   | { ask: "levels"; rule: QuestPlusRule | UpDownRule; history: Answered[] }
   | { ask: "flips"; refresh_hz: number; stamps_s: number[] }
   | { ask: "attempt"; script: TrialScript; observed: Observed[] }
+  | { ask: "poses"; quaternions: [number, number, number, number][]; most_deg: number }
   | { ask: "window"; window: BrowserWindow; need_px: [number, number] }
   | { ask: "session"; study: WebStudy; begun: Begun; faults: Faults; luck: number; page: Opened };
 
@@ -158,6 +160,7 @@ const machineAt = (rate_hz: number): Machine => ({
   full_screen: true,
   touch: false,
   simulated: false,
+  headset: null,
 });
 
 /** A whole session by the kernel: the results as a server has them, and how often the page died. */
@@ -215,6 +218,10 @@ function answer(asked: Asked): unknown {
     case "flips": {
       const pacer = new Pacer(asked.refresh_hz);
       return asked.stamps_s.map((t_s) => pacer.flip(t_s));
+    }
+    case "poses": {
+      const poses = asked.quaternions.map(([x, y, z, w]) => poseOf({ x, y, z, w }));
+      return { text: encoded(poses), away: poses.map((pose) => turnedAway(pose, asked.most_deg)) };
     }
     case "window":
       return showsAll(asked.window, asked.need_px);

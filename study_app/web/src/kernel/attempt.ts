@@ -8,7 +8,7 @@ import { answerOf, type Interrupt, type TrialScript } from "./script";
 import { advance, BEGIN, follows, isDone, isOver, type Trial } from "./trial";
 
 /** Observations of an attempt: a press and a disturbance say after which flip. */
-export type AttemptLog = Pick<AttemptLine, "flips_us" | "presses" | "disturbed" | "window">;
+export type AttemptLog = Pick<AttemptLine, "flips_us" | "presses" | "disturbed" | "window" | "poses">;
 export type Disturbance = NonNullable<AttemptLine["disturbed"]>[1];
 
 /** A key that went down, or the pointer. */
@@ -28,6 +28,8 @@ export class AttemptRun {
   readonly interrupts: Interrupt[] = [];
   /** The window as the attempt began; a stage that has one says it. */
   window: BrowserWindow | null = null;
+  /** Poses of the head so far, as a line has them; a headset gives them. */
+  poses: (() => string) | null = null;
   private readonly pacer: Pacer;
   private readonly stamps_us: number[] = [];
   private readonly presses: ReadPress[] = [];
@@ -93,7 +95,7 @@ export class AttemptRun {
   log(): AttemptLog {
     const since = this.stamps_us.map((t_us, flip) => t_us - (this.stamps_us[flip - 1] ?? 0));
     const { disturbed, window } = this;
-    return { flips_us: since, presses: [...this.presses], disturbed, window };
+    return { flips_us: since, presses: [...this.presses], disturbed, window, poses: this.poses?.() ?? null };
   }
 
   /** The answer, where one is awaited, and the wish to pause or quit. */

@@ -13,6 +13,7 @@ export interface WebStudy {
   /** More missed refreshes than this make an attempt void. */ readonly dropped_max: number;
   /** Length of a session, answers in 1.5 s: the first page says it. */ readonly duration_s: number;
   /** Version of the file format. */ readonly format: 1;
+  /** The study runs in a headset. Null: on a screen. */ readonly headset: WebHeadset | null;
   /** Parameter of the link whose value is kept. */ readonly identifier: string | null;
   readonly manifest_sha256: string;
   readonly pages: Readonly<Record<string, WebPages>>;
@@ -159,6 +160,14 @@ export interface WebDesign {
   readonly side: "by-participant" | "by-trial" | "fixed";
 }
 
+/** A study's show in a headset. */
+export interface WebHeadset {
+  /** Stimuli are panoramas, all around; all else is on the flat screen before them. */ readonly around: boolean;
+  /** Distance of the flat screen from the eyes, in its pixels. */ readonly distance_px: number;
+  /** Refresh rates of the study, the one wanted most first. */ readonly rates: readonly number[];
+  /** Largest angle of the head from straight ahead in watched phases. Null: any. */ readonly turn_deg: number | null;
+}
+
 /** Texts that a participant reads beside trials, placeholders of keys filled. */
 export interface WebPages {
   /** `{done}` and `{total}` stand for numbers of blocks. */ readonly break_page: string;
@@ -229,15 +238,16 @@ export interface AnswerLine extends Sent {
 export interface AttemptLine extends Sent {
   /** The answer given to the study's question. */ readonly answer: string | null;
   /** 1 for the first attempt at this trial. */ readonly attempt: number;
-  /** After which flip something came between participant and page, and what. */ readonly disturbed: readonly [number, "focus" | "hidden" | "full-screen" | "size"] | null;
+  /** After which flip something came between participant and page, and what. */ readonly disturbed: readonly [number, "focus" | "hidden" | "full-screen" | "size" | "turned" | "session-end" | "controller-lost" | "head-lost"] | null;
   /** Times of flips: the first on the page's clock, each other one since that before. */ readonly flips_us: readonly number[];
   readonly kind: "attempt";
   readonly outcome: "completed" | "void";
+  /** Pose of the head at each flip, as it was drawn for: Base64 of four numbers of 16 bits each, the lower byte first, x, y, z, w of its unit quaternion times 32767. All 0: not tracked. Null where no headset was used. */ readonly poses: string | null;
   /** Number of this attempt in the session, from 0. */ readonly position: number;
   readonly presses: readonly Press[];
   /** The trial of the plan. */ readonly trial: string;
   /** Reason why a void attempt must be repeated. */ readonly void_reason: "gaze-break" | "data-loss" | "no-fixation" | "too-late" | "dropped-frames" | "paused" | "quit" | "focus-lost" | null;
-  /** The window as the attempt began. Null in lines of older pages, which looked at it once. */ readonly window: BrowserWindow | null;
+  /** The window as the attempt began. Null in lines of older pages, which looked at it once, and of headsets. */ readonly window: BrowserWindow | null;
 }
 
 /** A block is over. */
@@ -280,12 +290,27 @@ export interface EndLine extends Sent {
   readonly reason: "completed" | "quit" | "consent-refused" | "error";
 }
 
+/** A headset as its browser tells it. */
+export interface HeadsetDevice {
+  /** Distance of the two views' places, to a millimetre. */ readonly eye_distance_m: number;
+  /** Name of its controllers' kind, by the registry of WebXR; `unknown` where they tell none. */ readonly profile: string;
+  readonly views: readonly HeadsetView[];
+}
+
+/** The view of one eye: its pixels, and the part of the world that it shows. */
+export interface HeadsetView {
+  readonly eye: "left" | "right" | "none";
+  readonly size_px: readonly [number, number];
+  /** Tangents of the angles from straight ahead to its left, right, lower and upper edge: left and down are below 0. */ readonly tangents: readonly [number, number, number, number];
+}
+
 /** Machine as the gate found it: nothing that tells one person from another. */
 export interface Machine {
   /** Name and main version. */ readonly browser: string;
   readonly color_gamut: "srgb" | "p3" | "rec2020" | "unknown";
   readonly device_pixel_ratio: number;
   readonly full_screen: boolean;
+  /** The headset. Left out where the study ran on a screen. */ readonly headset: HeadsetDevice | null;
   /** Share of the refreshes of that measurement. */ readonly missed_share: number;
   /** Measured, over at least 300 frames. */ readonly refresh_hz: number;
   /** Screen pixels per pixel of a stimulus, along an edge. */ readonly scale: number;

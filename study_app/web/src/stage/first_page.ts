@@ -2,6 +2,7 @@
 import type { WebStudy } from "../kernel/formats";
 import type { CopyingStore, JatosStore, LocalStore } from "../store/stores";
 import { button, lineOf, showNote, showParts } from "./note";
+import type { Device } from "./device";
 import { filled, type Words } from "./words";
 
 /** Show the first page; true once a participant begins or goes on, false where nobody does. */
@@ -10,6 +11,7 @@ export async function firstPage(
   study: WebStudy,
   language: string,
   words: Words,
+  device: Device,
   { store, local }: CopyingStore,
 ): Promise<boolean> {
   const goesOn = (await store.load()) !== null;
@@ -21,7 +23,8 @@ export async function firstPage(
     pages,
     "gate",
     lineOf(study.title, "h1"),
-    known === null ? facts(study, language, words, place) : lineOf(known),
+    known === null ? facts(study, language, words, device, place) : lineOf(known),
+    ...(over ? [] : device.told(language).before.map((text) => lineOf(text))),
     buttons,
   );
   const left = local?.left();
@@ -102,7 +105,7 @@ export function copyLink(
 }
 
 /** The study's length, which keys are used, and what is stored. */
-function facts(study: WebStudy, language: string, words: Words, place: string): HTMLElement {
+function facts(study: WebStudy, language: string, words: Words, device: Device, place: string): HTMLElement {
   const minutes = Math.max(1, Math.round(study.duration_s / 60));
   const names = study.pages[language]?.key_names ?? {};
   const scripts = study.rates[0]?.scripts[language] ?? [];
@@ -116,7 +119,8 @@ function facts(study: WebStudy, language: string, words: Words, place: string): 
     [first(study.quit_keys), words.keyQuit],
   ];
   if (questions.some(({ pointer }) => pointer)) uses.splice(1, 0, [[], words.click]);
-  const keys = uses.map(([used, what]) => {
+  const told = device.told(language).keys?.map((text): [readonly string[], string] => [[], text]);
+  const keys = (told ?? uses).map(([used, what]) => {
     const made = document.createElement("span");
     for (const key of used) made.append(lineOf(names[key] ?? key, "kbd"), " ");
     made.append(what);

@@ -13,12 +13,17 @@ const LEAST_MEMORY_GB = 2;
 type Measured = Pick<Machine, "refresh_hz" | "missed_share">;
 
 /** Reason why the study does not run here, in the participant's language. */
-export class Refusal extends Error {}
+export class Refusal extends Error {
+  override name = "Refusal"; // the headset's file has a class of its own
+}
 
-/** Refuse a device by what is known before anything is measured. */
-export function checkDevice(study: WebStudy, words: Words): void {
+export function checkPhone(words: Words): void {
   const phone = matchMedia("(pointer: coarse) and (hover: none)").matches;
   if (phone && Math.min(screen.width, screen.height) < 600) throw new Refusal(words.phone);
+}
+
+/** Refuse a browser by what is known before anything is measured. */
+export function checkBrowser(study: WebStudy, words: Words): void {
   if (!isSecureContext) throw new Refusal(words.insecure);
   const memory = (navigator as { deviceMemory?: number }).deviceMemory ?? 8;
   const wanted_gb = (4 * study.decoded_bytes) / 1e9; // browsers keep several copies
@@ -59,15 +64,15 @@ export function scaleFor(
   return Math.min(fits, Math.max(1, Math.round(ratio)));
 }
 
-/** Measure how often the screen refreshes. */
-export async function measuredRate(): Promise<Measured> {
+/** Measure how often a screen refreshes; `refresh` calls at its next refresh. */
+export async function measuredRate(refresh: (call: (now_ms: number) => void) => void): Promise<Measured> {
   const stamps_ms: number[] = [];
   await new Promise<void>((resolve) => {
     const frame = (now_ms: number) => {
       if (stamps_ms.push(now_ms) > REFRESHES) resolve();
-      else requestAnimationFrame(frame);
+      else refresh(frame);
     };
-    requestAnimationFrame(frame);
+    refresh(frame);
   });
   return rateOf(stamps_ms);
 }
@@ -109,7 +114,7 @@ export function browserName(agent: string): string {
   return "unknown";
 }
 
-export function machineOf(measured: Measured, window: BrowserWindow): Machine {
+export function machineOf(measured: Measured, window: BrowserWindow, headset: Machine["headset"] = null): Machine {
   const gamuts = ["rec2020", "p3", "srgb"] as const;
   return {
     browser: browserName(navigator.userAgent),
@@ -118,5 +123,6 @@ export function machineOf(measured: Measured, window: BrowserWindow): Machine {
     color_gamut: gamuts.find((name) => matchMedia(`(color-gamut: ${name})`).matches) ?? "unknown",
     touch: navigator.maxTouchPoints > 0,
     simulated: "metamerlabSimulated" in globalThis, // set by what drives the page: no link can
+    headset,
   };
 }

@@ -27,6 +27,8 @@ interface Look {
   /** Screen pixels per pixel of a stimulus. */
   readonly scale: number;
   readonly pictures: ReadonlyMap<string, ImageBitmap>;
+  /** Nothing is where no entry is, in place of the background. */
+  readonly clear?: boolean;
 }
 
 export function painterOf(canvas: HTMLCanvasElement, look: Look): Painter {
@@ -128,10 +130,13 @@ void main() {
   else colour = texelFetch(u_image, ivec3(u_crop + pixel / u_scale, u_layer), 0);
 }`;
 
-class GLPainter implements Painter {
+export class GLPainter implements Painter {
   readonly kind = "webgl";
-  private stimuli: WebGLTexture[] = [];
+  /** Frames of each of a trial's stimuli. */
+  stimuli: WebGLTexture[] = [];
   private size: readonly [number, number] = [0, 0];
+  private canvas: readonly [number, number] = [0, 0];
+  private readonly program: WebGLProgram;
   private readonly pictures = new Map<string, { texture: WebGLTexture; size: [number, number] }>();
   private readonly place: (name: string) => WebGLUniformLocation | null;
 
@@ -139,8 +144,8 @@ class GLPainter implements Painter {
     private readonly gl: WebGL2RenderingContext,
     private readonly look: Look,
   ) {
-    const program = programOf(gl);
-    gl.useProgram(program);
+    const program = programOf(gl, VERTEX, FRAGMENT);
+    this.program = program;
     gl.disable(gl.DITHER);
     gl.enable(gl.BLEND);
     gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE);
@@ -167,16 +172,17 @@ class GLPainter implements Painter {
   }
 
   resize(width_px: number, height_px: number): void {
-    this.gl.viewport(0, 0, width_px, height_px);
+    this.canvas = [width_px, height_px];
   }
 
   paint(shown: Shown | null): void {
     const { gl, look } = this;
-    const { width, height } = gl.canvas;
-    gl.uniform2i(this.place("u_canvas"), width, height);
+    gl.useProgram(this.program);
+    gl.viewport(0, 0, ...this.canvas);
+    gl.uniform2i(this.place("u_canvas"), ...this.canvas);
     gl.uniform1i(this.place("u_scale"), look.scale);
-    const grey = look.background / 255;
-    gl.clearColor(grey, grey, grey, 1);
+    const grey = look.clear ? 0 : look.background / 255;
+    gl.clearColor(grey, grey, grey, look.clear ? 0 : 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
     for (const { entry, refreshes } of entriesOf(shown)) this.entry(entry, refreshes);
   }
@@ -222,8 +228,9 @@ class GLPainter implements Painter {
   ): void {
     const { gl, look } = this;
     const k = look.scale;
-    const left = Math.floor(gl.canvas.width / 2) + k * rect[0];
-    const top = Math.floor(gl.canvas.height / 2) + k * rect[1];
+    const [width, height] = this.canvas;
+    const left = Math.floor(width / 2) + k * rect[0];
+    const top = Math.floor(height / 2) + k * rect[1];
     gl.uniform4i(this.place("u_rect"), left, top, k * rect[2], k * rect[3]);
     gl.uniform2i(this.place("u_crop"), crop[0], crop[1]);
     gl.uniform1i(this.place("u_layer"), layer);
@@ -248,11 +255,11 @@ class GLPainter implements Painter {
   }
 }
 
-function programOf(gl: WebGL2RenderingContext): WebGLProgram {
+export function programOf(gl: WebGL2RenderingContext, vertex: string, fragment: string): WebGLProgram {
   const program = gl.createProgram();
   for (const [kind, source] of [
-    [gl.VERTEX_SHADER, VERTEX],
-    [gl.FRAGMENT_SHADER, FRAGMENT],
+    [gl.VERTEX_SHADER, vertex],
+    [gl.FRAGMENT_SHADER, fragment],
   ] as const) {
     const shader = gl.createShader(kind);
     if (!shader) throw new Error("this browser compiles no shader");
