@@ -24,12 +24,12 @@ def poses_of(quaternions: NDArray[np.float64]) -> Poses:
     return np.floor(WHOLE * quaternions + 0.5).astype(np.int16)
 
 
-def encoded(poses: Poses) -> str:
+def encoded_poses(poses: Poses) -> str:
     """Return poses as a line has them: Base64 of their bytes, the lower one first."""
     return base64.b64encode(poses.astype("<i2").tobytes()).decode("ascii")
 
 
-def decoded(text: str) -> Poses:
+def decoded_poses(text: str) -> Poses:
     """Return the poses of a line.
 
     Raises

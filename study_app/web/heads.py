@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from protocols.browser.head_poses import decoded, turned_away, turns_deg
+from protocols.browser.head_poses import decoded_poses, turned_away, turns_deg
 from protocols.browser.web_lines import AttemptLine
 from protocols.journal import SideFile
 from protocols.study_file.session_schema import Headset
@@ -21,7 +21,7 @@ Head: TypeAlias = Mapping[str, float | SideFile | None]
 def head_of(
     line: AttemptLine, watched: Sequence[bool], headset: Headset | None, recorder: Recorder
 ) -> Head:
-    """Return what the journal says of the head in an attempt, after writing its poses.
+    """Return the journal's fields on the head in an attempt, after writing its poses.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def head_of(
             raise wrong(line, must, "none" if line.poses is None else "some")
         return {}
     try:
-        poses = decoded(line.poses)
+        poses = decoded_poses(line.poses)
     except ValueError as error:
         raise wrong(line, "poses must be Base64 of whole poses", error) from None
     if len(poses) != len(line.flips_us):

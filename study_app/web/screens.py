@@ -36,7 +36,7 @@ def screen_lines(build: WebBuild) -> Iterator[str]:
 
 
 def headset_lines(build: WebBuild) -> Iterator[str]:
-    """Yield what headsets need to take part, with the times that are whole refreshes there."""
+    """Yield the needs of headsets that take part, and the times that are whole refreshes there."""
     clip, headset = build.stimuli[0], build.headset
     assert headset is not None
     where = "all around" if headset.around else f"flat at {headset.distance_px:.0f} px"

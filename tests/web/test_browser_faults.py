@@ -126,7 +126,7 @@ def test_whatever_comes_between_voids_the_attempt_and_is_named(chromium, site, o
     assert told.reason == "completed"
     journal = read_journal(tmp_path / "short" / told.participant / "journal.jsonl")
     notes = [event.text for event in journal.events if isinstance(event, Note)]
-    assert notes == list(DISTURBANCES.values())
+    assert notes == [DISTURBANCES[what] for what in disturbed]
 
 
 @pytest.mark.slow

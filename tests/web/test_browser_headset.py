@@ -11,7 +11,7 @@ from PIL import Image
 from web_browser import begin, iwer, said, served, until, whole
 from web_study import brought_home, built, changed, for_browsers
 
-from protocols.browser.head_poses import encoded, poses_of
+from protocols.browser.head_poses import encoded_poses, poses_of
 from protocols.journal import Note
 from protocols.journal_file import read_journal
 from protocols.script import Frames
@@ -162,7 +162,7 @@ def test_who_leaves_in_a_headset_or_has_none_is_told(chromium, of):
         ({"poses": "AAAAAAAA/38="}, "poses must be"),
         (
             lambda line: {
-                "poses": encoded(
+                "poses": encoded_poses(
                     poses_of(np.tile([0.0, 0.5, 0, 0.75**0.5], (len(line["flips_us"]), 1)))
                 )
             },

@@ -99,8 +99,8 @@ def test_poses_of_a_head_are_what_python_says(kernel, axes, most_deg):
     quaternions = np.hstack([along * np.sin(angles), np.cos(angles)])
     told = kernel.ask("poses", quaternions=quaternions.tolist(), most_deg=most_deg)
     poses = head_poses.poses_of(quaternions)
-    assert told["text"] == head_poses.encoded(poses)
-    assert (head_poses.decoded(told["text"]) == poses).all()
+    assert told["text"] == head_poses.encoded_poses(poses)
+    assert (head_poses.decoded_poses(told["text"]) == poses).all()
     assert told["away"] == head_poses.turned_away(poses, most_deg).tolist()
 
 

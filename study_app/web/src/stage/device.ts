@@ -4,7 +4,7 @@ import type { Files } from "./files";
 import type { Observing } from "./observing";
 import type { Words } from "./words";
 
-/** What a device shows a study with. */
+/** Parts of the page that a device shows a study with. */
 export interface On {
   /** Over the whole viewport. */
   readonly canvas: HTMLCanvasElement;

@@ -9,9 +9,9 @@ const [FONT_PX, LINE_PX, EDGE_PX] = [34, 46, 40];
 export interface HeadsetWords {
   /** In place of the screen's. */
   readonly page: Partial<Words>;
-  /** Which buttons are used. */
+  /** Buttons that are used. */
   readonly keys: readonly string[];
-  /** What to do before the headset goes on. */
+  /** Steps before the headset goes on. */
   readonly before: readonly string[];
   readonly test: string;
   readonly goes: string;

@@ -1,4 +1,4 @@
-/** What screen and headset have in common: clocks, stimuli, and what is noted during an attempt. */
+/** Common parts of screen and headset: clocks, stimuli, and what is noted during an attempt. */
 import type { AttemptRun, Disturbance, Press } from "../kernel/attempt";
 import type { Page, PageResult, Stage } from "../kernel/conduct";
 import type { PlannedTrial } from "../kernel/plan";
