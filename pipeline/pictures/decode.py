@@ -31,6 +31,7 @@ from pipeline.pictures.header import (
     check_flat,
     check_statements,
     count_pictures,
+    forget_error,
     opened_avif,
     read_statements,
 )
@@ -144,7 +145,7 @@ def pixels_of(path: Path, stretched: bool = True, *, ours: bool = False) -> Stor
 
 
 def _avif_pixels(path: Path, image: Image.Image) -> StoredPixels:
-    oiio.geterror()
+    forget_error()
     with image:
         check_values(path, image.width, image.height, len(image.getbands()))
         said: dict[str, Any] = {"Orientation": image.getexif().get(_ORIENTATION, UPRIGHT_EXIF)}

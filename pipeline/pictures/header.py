@@ -6,6 +6,7 @@ the table in `pipeline.statements.rows`.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -330,6 +331,12 @@ def check_flat(path: Path, spec: oiio.ImageSpec) -> None:
         raise refusal(path, "deep pixels", "it is deep: any number of samples")
 
 
+def forget_error(source: Any = oiio) -> None:
+    """Forget what OpenImageIO would say of a file: bytes of it, which may be no text."""
+    with contextlib.suppress(UnicodeDecodeError):
+        source.geterror()
+
+
 def stated_size_px(path: Path, *, upright: bool = False) -> tuple[int, int] | None:
     """Return width and height as an image file's header has them; None where it is no image.
 
@@ -337,7 +344,7 @@ def stated_size_px(path: Path, *, upright: bool = False) -> tuple[int, int] | No
     """
     source = oiio.ImageInput.open(str(path)) if path.is_file() else None
     if source is None:
-        oiio.geterror()
+        forget_error()
         avif = opened_avif(path) if path.is_file() else None
         if avif is None:
             return None
@@ -372,9 +379,9 @@ def count_pictures(path: Path) -> int:
     source, count = oiio.ImageInput.open(str(path)), 0
     while source is not None and source.seek_subimage(count, 0):
         count += 1
-    oiio.geterror()
+    forget_error()
     if source is not None:
-        source.geterror()
+        forget_error(source)
         source.close()
     return count
 

