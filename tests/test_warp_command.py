@@ -56,6 +56,15 @@ def stereo(tmp_path, frame):
 
 
 @pytest.mark.usefixtures("gl_context")
+def test_only_what_is_asked_for_is_written(exr, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run(exr, "--compare", "sheet.png", "-m", "telea", "-m", "navier-stokes")
+    assert {path.name for path in tmp_path.iterdir()} == {"frame.exr", "sheet.png"}
+    run(exr, "-m", "telea")
+    assert {path.name for path in tmp_path.iterdir()} == {"frame.exr", "sheet.png", "filled.png"}
+
+
+@pytest.mark.usefixtures("gl_context")
 def test_a_frame_from_a_file_is_warped_and_filled(exr, frame, tmp_path):
     out = tmp_path / "out.png"
     _, said, _ = run(exr, out, "--method", "telea")

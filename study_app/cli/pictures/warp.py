@@ -67,8 +67,12 @@ class MethodOptions:
 def warp(
     source: Annotated[str, typer.Argument(help=_SOURCE_HELP)],
     out: Annotated[
-        Path, typer.Argument(help="The filled picture to write, .png or .exr; replaced if there.")
-    ] = Path("filled.png"),
+        Path | None,
+        typer.Argument(
+            help="The filled picture to write, .png or .exr; replaced if there."
+            r" \[default: filled.png; none where anything else is asked for]"
+        ),
+    ] = None,
     *,
     method: MethodOptions,
     holes: HoleOptions,
@@ -119,6 +123,9 @@ def warp(
     WarpSettings(rim_px=holes.rim_px or 0)  # checks its range before anything is read
     given = given.with_unknown()
     choices = _choices(method.methods, method.settings, looks.compare is not None)
+    others = looks.compare, looks.steps, given.panorama.around
+    if out is None and not any(others):
+        out = Path("filled.png")
     check_outputs(
         {
             "OUT": (out, FILE_ENDINGS),
@@ -143,7 +150,7 @@ def _run(
     loaded: LoadedSource,
     choices: list[Choice],
     seed: int,
-    out: Path,
+    out: Path | None,
     looks: WarpFigureOptions,
     seen: Callable[..., TwoRates] | None,
 ) -> None:
@@ -173,9 +180,10 @@ def _run(
             rates.release()
     mended = len(mends(frame.source)[0]) if settings.depth_speckle else 0
     _print_results(console, warped, plain, settings.rim_px, mended, rates is not None)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    save_colour(out, fills[0].colour)
-    console.print(f"wrote {out} ({fills[0].choice.label})")
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        save_colour(out, fills[0].colour)
+        console.print(f"wrote {out} ({fills[0].choice.label})")
     if compare is not None:
         compare.parent.mkdir(parents=True, exist_ok=True)
         if rates is not None and truth is not None:
