@@ -70,7 +70,7 @@ def load_panorama(
         raise InputError(
             f"{picture}: a panorama needs the distance of every pixel; give a file of it with"
             " --depth (depth in a study), or OpenEXR with colour and distance, such as 'metamerlab"
-            " stimuli panorama SCENE --depth' writes"
+            " stimuli panorama SCENE --depth --out FILE.exr' writes"
         )
     check_fits(picture, "warp")
     measured: Bools | None = None
